@@ -26,21 +26,20 @@ from geometry.parts.measures import (
 from geometry.parts.pairs import OfPairs
 from geometry.parts.rows import Part
 from geometry.polyhedra.bare_contacts import CROSSING_EDGES, STANDING_CORNER
-from mbd.contact_jacobian import contact_jacobian
+from mbd.contact_jacobian import Contacts, contact_jacobian
 from mbd.equilibrium import Equilibrium, column_weights, equilibrium
 from mbd.mechanism import (
     MANY_BLOCKS,
     Classification,
-    Mechanism,
     MechanismClass,
     classify,
-    classify_opposed,
-    judged,
 )
 from mbd.options import Norm, Rigid, Solver
+from mbd.verdict import EdgesAndCorners, Verdict
 
 if TYPE_CHECKING:
     from geometry.polyhedra.assembly import PolyhedralAssembly
+    from mbd.friction import CollapseLoad
     from mbd.parts import Friction
     from mbd.pushes import Push
 
@@ -106,15 +105,45 @@ class RigidResult(ReadOnlyArrays):
         return self.holds and not (self.friction is not None and self.friction.needs_squeeze)
 
     @property
+    def verdict(self) -> Verdict:
+        """What is judged of the load."""
+        friction = self.friction
+        found = self.equilibrium if friction is None else friction.equilibrium
+        holds = False if found.mechanism is not None else found.holds or None
+        pressed = None if friction is None else friction.squeeze
+        return Verdict(self.mechanism, holds, False if pressed is None else pressed.needed)
+
+    @property
+    def edges_and_corners(self) -> EdgesAndCorners | None:
+        """What changes where edges and corners count; None where there are none."""
+        return cast("EdgesAndCorners | None", self.parts.get("edges_and_corners"))
+
+    @property
+    def edges(self) -> str:
+        """The same in words, after a semicolon; empty: nothing."""
+        words = "" if self.edges_and_corners is None else self.edges_and_corners.words
+        return f"; {words}" if words else ""
+
+    @property
     def words(self) -> str:
         """The answer as a headline says it."""
-        return str(self.mechanism) if self.friction is None else self.friction.words
+        words = str(self.mechanism) if self.friction is None else self.friction.words
+        return words + self.edges
 
     @property
     def driven(self) -> FloatArray | None:
-        """What the load drives, (n_rows,), where it is not carried."""
+        """Mechanism that the load drives, (n_rows,), where it is not carried."""
         found = self.equilibrium if self.friction is None else self.friction.equilibrium
         return found.mechanism
+
+    @property
+    def moving(self) -> FloatArray | None:
+        """How blocks move where the load does not bring them to rest, proved or not; (n_rows,)."""
+        friction, balance = self.friction, self.equilibrium
+        if self.driven is not None or friction is None:
+            return balance.motion if self.driven is None else self.driven
+        pressed = friction.squeeze
+        return friction.equilibrium.motion if pressed is None else pressed.motion
 
     @cached_property
     def forces(self) -> FloatArray:
@@ -146,13 +175,11 @@ class RigidResult(ReadOnlyArrays):
     @cached_property
     def joints(self) -> JointResultants:
         """Resultants of the forces between each two blocks."""
-        counted = None if self.friction is None else self.friction.counted
-        kept = slice(None) if counted is None else counted
-        index, found, centroids = self.contact_index[kept], self.blocks.interfaces, None
+        index, found, centroids = self.contact_index, self.blocks.interfaces, None
         if not isinstance(self.blocks, Assembly):
             pairs = np.unique(np.column_stack([found.block_m[index], found.block_s[index]]), axis=0)
             centroids = cast("PolyhedralAssembly", self.blocks).joint_centroids(pairs)
-        return joint_resultants(found, index, self.forces[kept], centroids)
+        return joint_resultants(found, index, self.forces, centroids)
 
     @cached_property
     def patch_pressures(self) -> FloatArray:
@@ -266,63 +293,114 @@ def rigid_result(stated: RigidStatement, method: Rigid, tell: Callable[[str], No
 
 
 def _result(stated: RigidStatement, method: Rigid, tell: Callable[[str], None]) -> RigidResult:
-    blocks, live_case, weight = stated.rigid_blocks, stated.rigid_load, stated.rigid_weight
+    whole, live_case, weight = stated.rigid_blocks, stated.rigid_load, stated.rigid_weight
     pushed = live_case
     if any(support.is_push for support in live_case.held):
         held = tuple(support for support in live_case.held if not support.is_push)
         live_case = replace(live_case, held=held)
-    whole = live_case.with_wrenches(weight)
-    tell(f"{int((~whole.fixed).sum())} free blocks: equilibrium and mechanisms")
-    result = frictionless_result(blocks, whole, method.norm, method.solver)
+    if not whole.interfaces.n_contacts:
+        raise AnalysisError(
+            "analyse: no two of the blocks touch, and rigid blocks have forces in their joints "
+            "alone; expected blocks that meet, or solve_static for single bodies"
+        )
+    coulomb = _rubbing(stated.coulomb)
+    stated = Stated(whole, live_case, weight, coulomb, stated.interference)
+    faces = whole
+    if not isinstance(whole, Assembly):
+        faces = cast("PolyhedralAssembly", whole).bearing()
+    result = _judged(stated, faces, method, tell)
     start = time.process_time()
-    dead = np.zeros((blocks.n_blocks, 6)) if weight is None else weight
-    live = live_case.wrenches
-    coulomb = stated.coulomb
+    parts, verdict, balance = dict(result.parts), result.verdict, result.equilibrium
+    if coulomb is None and balance.holds and not result.supported_classification.locked:
+        from mbd.pushes import Pushes
+
+        dead, live = np.any(weight if weight is not None else 0.0), np.any(live_case.wrenches)
+        alone = bool(dead) and not live
+        parts = {"pushes": Pushes(faces, result.load, result.norm, balance, alone), **parts}
+    if pushed is not live_case:
+        parts["push_limit"] = _push(faces, pushed.with_wrenches(weight), coulomb)
+    if faces is not whole:
+        tell("what edges and corners would add")
+        parts["edges_and_corners"] = _edges(stated, result, method)
+        index = np.flatnonzero(cast("PolyhedralAssembly", whole).interfaces.bears)
+        result = replace(result, blocks=whole, contact_index=index[result.contact_index])
+    moving = result.moving
+    if moving is not None:
+        from mbd.motion import motion_of_blocks, placed_motion
+
+        motion = placed_motion(whole, moving, ~result.load.fixed)
+        proved = verdict.holds is False
+        parts["motion"] = motion_of_blocks(whole, motion, weight, proved=proved)
+    spent = time.process_time() - start
+    seconds = dict(result.cpu_seconds)
+    for stage in ("parts", "total"):
+        seconds[stage] += spent
+    return replace(result, parts=parts, cpu_seconds=seconds)
+
+
+def _rubbing(coulomb: Coulomb | None) -> Coulomb | None:
+    """Friction of a statement; none where all its coefficients are zero."""
+    if coulomb is None or coulomb.coefficient or any(pair[2] for pair in coulomb.of_pairs):
+        return coulomb
+    return None
+
+
+def _judged(
+    stated: RigidStatement, blocks: AnyBlocks, method: Rigid, tell: Callable[[str], None]
+) -> RigidResult:
+    """What is found of blocks that touch at some of the contacts of a statement."""
+    dead = stated.rigid_weight
+    load = stated.rigid_load.with_wrenches(dead)
+    load = load if blocks is load.assembly else replace(load, assembly=blocks)
+    tell(f"{int((~load.fixed).sum())} free blocks: equilibrium and mechanisms")
+    result = frictionless_result(blocks, load, method.norm, method.solver)
+    start, coulomb = time.process_time(), stated.coulomb
     parts: dict[str, Part] = {}
     if coulomb is not None or method.asks_more:
         from mbd.parts import Question
 
+        nothing = np.zeros((blocks.n_blocks, 6))
         parts = Question(
-            whole=blocks,
-            load=whole,
-            wrenches=(dead, live),
+            blocks=blocks,
+            load=load,
+            wrenches=(nothing if dead is None else dead, stated.rigid_load.wrenches),
             method=method,
             friction=None if coulomb is None else coulomb.coefficient,
             of_pairs=() if coulomb is None else coulomb.of_pairs,
             interference=stated.interference,
-            carried=result.equilibrium.holds,
+            smooth=result.equilibrium,
             frictionless=str(result.mechanism),
             tell=tell,
         ).parts()
-    balance = result.equilibrium
-    if coulomb is None and balance.holds and not result.supported_classification.locked:
-        from mbd.pushes import Pushes
-
-        alone = bool(np.any(dead)) and not np.any(live)
-        parts = {"pushes": Pushes(blocks, whole, result.norm, balance, alone), **parts}
-    if pushed is not live_case:
-        parts["push_limit"] = _push(blocks, pushed.with_wrenches(weight), coulomb)
-    if sum(result.bare_contacts.values()):
-        from mbd.parts import ByFaces
-
-        tell("class by faces alone")
-        parts["by_faces_alone"] = ByFaces(class_by_faces(result))
     spent = time.process_time() - start
     seconds = result.cpu_seconds | {"parts": spent}
     seconds["total"] += spent
     return replace(result, parts=parts, cpu_seconds=seconds)
 
 
-def _push(blocks: AnyBlocks, load: LoadCase, coulomb: Coulomb | None) -> Push:
-    """Limit of the support that pushes a block, by contacts with an area alone.
+def _edges(stated: RigidStatement, faces: RigidResult, method: Rigid) -> EdgesAndCorners:
+    """Judge the same blocks on all contacts, edges and corners included."""
+    whole = cast("PolyhedralAssembly", stated.rigid_blocks)
+    without = int((~whole.interfaces.bears).sum())
+    both = faces
+    # What no motion leaves cannot move with more contacts either.
+    if not (faces.classification.locked and faces.supported_classification.locked):
+        asked = replace(method, sliding=False, ranges=False, margin=False)
+        both = _judged(stated, whole, asked, lambda _: None)
+    factors = None
+    if method.collapse:
+        factors = _factor(faces), _factor(both)
+    return EdgesAndCorners(without, faces.verdict, both.verdict, factors, both.classification)
 
-    They are those of deformable blocks: edges and corners carry nothing.
-    """
+
+def _factor(result: RigidResult) -> float:
+    return cast("CollapseLoad", result.parts["collapse"]).factor
+
+
+def _push(faces: AnyBlocks, load: LoadCase, coulomb: Coulomb | None) -> Push:
+    """Limit of the support that pushes a block."""
     from mbd.pushes import Push, push_limit
 
-    faces = blocks
-    if not isinstance(blocks, Assembly):
-        faces = cast("PolyhedralAssembly", blocks).with_faces_alone()
     friction, of_pairs = (0.0, ()) if coulomb is None else (coulomb.coefficient, coulomb.of_pairs)
     try:
         return Push(friction, push_limit(faces, replace(load, assembly=faces), friction, of_pairs))
@@ -330,37 +408,31 @@ def _push(blocks: AnyBlocks, load: LoadCase, coulomb: Coulomb | None) -> Push:
         return Push(friction, f"none: {error}")
 
 
-def class_by_faces(result: RigidResult) -> Classification:
-    """Mechanism class where solids press on each other's faces alone, all held blocks fixed.
+def _settled(
+    found: Equilibrium, blocks: AnyBlocks, contacts: Contacts, load: FloatArray, weights: FloatArray
+) -> Equilibrium:
+    """Decide by a growing load where neither forces nor a mechanism are proved."""
+    from mbd.friction import FrictionalEquilibrium, frictional_contacts
+    from mbd.loading import settled
 
-    Edges that cross and corners that stand have no area: a chamfer removes them, and no finite
-    pressure acts there. A motion that opens or leaves all contacts does so with fewer of them.
-    """
-    full, load = result.classification, result.load
-    if full.mechanism is MechanismClass.ACTIVATED:
-        return full
-    bare = cast("PolyhedralAssembly", result.blocks).with_faces_alone()
-    contacts = contact_jacobian(bare, supports=load.held)
-    force = contacts.rows(load.wrenches)
-    if full.mechanism is MechanismClass.SUPPRESSED and isinstance(full.certificate, Mechanism):
-        opposed = full.certificate.virtual_displacement.ravel()
-        same = bool((load.fixed == bare.fixed).all())
-        start = result.equilibrium.multiplier if same else None
-        weights = column_weights(result.norm, contacts.areas) if same else None
-        driven = judged(contacts.jacobian, force, weights=weights, start=start)
-        return classify_opposed(contacts.jacobian, force, opposed, driven)
-    return classify(contacts.jacobian, force)
+    smooth = frictional_contacts(blocks, contacts, 0.0)
+    before = np.column_stack([found.forces, np.zeros((len(found.forces), 2))])
+    undecided = FrictionalEquilibrium(forces=before, residual=found.residual, status=found.status)
+    rests = settled(undecided, smooth, load, weights)
+    return replace(
+        found,
+        holds=rests.holds,
+        forces=rests.forces[:, 0],
+        residual=rests.residual,
+        status=rests.status,
+        motion=rests.motion,
+    )
 
 
 def frictionless_result(
     assembly: AnyBlocks, load: LoadCase, norm: Norm, solver: Solver
 ) -> RigidResult:
     """Classify an assembly and solve for its contact forces (Algorithm 1)."""
-    if not assembly.interfaces.n_contacts:
-        raise AnalysisError(
-            "analyse: no two of the blocks touch, and rigid blocks have forces in their joints "
-            "alone; expected blocks that meet, or solve_static for single bodies"
-        )
     seconds: dict[str, float] = {}
     clock = time.process_time()
 
@@ -377,6 +449,8 @@ def frictionless_result(
     lap("jacobian")
     weights = column_weights(norm, contacts.areas)
     balance = equilibrium(contacts.jacobian, force, solver=solver, weights=weights)
+    if not balance.holds and balance.mechanism is None:
+        balance = _settled(balance, assembly, contacts, force, weights)
     pressures = balance.forces / contacts.areas
     lap("equilibrium")
     many = len(contacts.free_blocks) > MANY_BLOCKS

@@ -38,11 +38,13 @@ from geometry.polyhedra.bare_contacts import CROSSING_EDGES, STANDING_CORNER
 from mbd.analysis import AnalysisError, RigidResult, RigidStatement, as_statement, rigid_result
 from mbd.contact_jacobian import contact_wrenches
 from mbd.mechanism import Mechanism
+from mbd.motion import placed_motion
 from mbd.options import Rigid
 from mbd.supports import support_wrenches
 
 if TYPE_CHECKING:
     from geometry.polyhedra.assembly import PolyhedralAssembly
+    from mbd.motion import Motion
 
 #: Units of numbers in the report.
 REPORT_UNITS = {
@@ -114,11 +116,12 @@ def _answer(stated: RigidStatement, result: RigidResult) -> Answer:
         fields["mechanism"] = lambda: _node_motion(
             assembly, moving, arrays["points"], arrays["block_of_point"]
         )
-    verdict = "carries the load" if result.holds else "does not carry the load"
-    if result.holds and not result.of_load:
-        verdict += " if pressed beforehand (a hint, not proved)"
+    verdict = result.verdict.carries
     if result.friction is not None:
         verdict += f" with friction μ = {result.friction.coefficient:g}"
+    verdict += result.edges
+    if "motion" in result.parts:
+        verdict += f"; {cast('Motion', result.parts['motion']).first}"
     found = _Found(assembly, load, result)
     measures = found.measures()
     measures |= _crushing(stated.compressive_strength, measures)
@@ -351,25 +354,17 @@ def _arrays(assembly: AnyBlocks) -> dict[str, Callable[[], Array]]:
 def block_motion(result: RigidResult) -> FloatArray | None:
     """(δt [mm], δθ [rad]) of each block under the mechanism, (n_blocks, 6).
 
-    None where locked, or where friction holds the blocks. Prefers the mechanism that the load
-    drives; blocks held by the certificate's supports stay.
+    None where locked, or where friction holds the blocks. Prefers how the load moves them; blocks
+    held by the certificate's supports stay.
     """
     certificate, blocks = result.classification.certificate, result.blocks
-    if result.driven is not None:
-        return placed_motion(blocks, result.driven, ~result.load.fixed)
+    if result.moving is not None:
+        return placed_motion(blocks, result.moving, ~result.load.fixed)
     if result.friction is not None and result.holds:
         return None
     if isinstance(certificate, Mechanism):
         return placed_motion(blocks, certificate.virtual_displacement, ~blocks.fixed)
     return None
-
-
-def placed_motion(assembly: AnyBlocks, motion: FloatArray, free: Array) -> FloatArray:
-    """(δt [mm], δθ [rad]) of all blocks, (n_blocks, 6), from rows of a Jacobian of free ones."""
-    moving = np.zeros((assembly.n_blocks, 6))
-    moving[free] = motion.reshape(-1, 6)
-    moving[:, 3:] /= assembly.characteristic_length
-    return moving
 
 
 def _node_motion(

@@ -66,6 +66,8 @@ class Equilibrium(ReadOnlyArrays):
     """Dual variable y, (n_rows,); a warm start."""
     status: str
     """Verdict in words, with the remedy where there is no equilibrium."""
+    motion: FloatArray | None = None
+    """How blocks move that do not come to rest, where nothing is proved, (n_rows,)."""
 
 
 def column_weights(norm: Norm, areas: FloatArray) -> FloatArray:

@@ -30,10 +30,10 @@ import scipy.sparse as sp
 
 from geometry.assembly import AnyBlocks
 from geometry.mesh import BoolArray, FloatArray, IntArray
-from geometry.parts.rows import Row
+from geometry.parts.rows import Row, finite
 from mbd.contact_jacobian import Contacts
 from mbd.equilibrium import newton_equilibrium
-from mbd.friction import FrictionalContacts, FrictionError, finite
+from mbd.friction import FrictionalContacts, FrictionError
 from mbd.programs import LinearPrograms, Work
 
 #: Out-of-plane parts below this fraction are round-off of vertices and normals.

@@ -25,7 +25,7 @@ import scipy.sparse as sp
 from geometry.assembly import AnyBlocks
 from geometry.errors import RefusedError
 from geometry.mesh import FloatArray, IntArray
-from geometry.parts.rows import Row
+from geometry.parts.rows import Row, finite
 from mbd.contact_jacobian import Contacts
 from mbd.equilibrium import EQUILIBRIUM_TOLERANCE
 from mbd.options import FrictionLaw
@@ -43,11 +43,6 @@ MOST_FRICTION = 10.0
 
 #: Sides of the pyramid |λ_1| + |λ_2| <= μ λ_n.
 TANGENTS = np.array([[1, 1], [1, -1], [-1, 1], [-1, -1]], dtype=np.float64)
-
-
-def finite(value: float) -> float | None:
-    """A number as plain data; None where it is none."""
-    return float(value) if np.isfinite(value) else None
 
 
 def by_block(motion: FloatArray | None) -> list[list[float]] | None:
@@ -209,6 +204,8 @@ class FrictionalEquilibrium:
     """fᵀd / ‖f‖ of the mechanism."""
     smallest_contact_work: float = 0.0
     """Least work of an admissible unit force on the mechanism; zero to round-off."""
+    motion: FloatArray | None = None
+    """How blocks move that do not come to rest, where nothing is proved, (n_rows,)."""
     status: str
     """Verdict in words."""
 
@@ -372,7 +369,7 @@ class CollapseLoad:
 
     factor: float
     """Largest α for which dead + α live can be carried with associated friction and infinite
-    strength; infinity where there is none."""
+    strength; infinity where there is none, nan where the dead load alone is not carried."""
     upper_bound: float = np.inf
     """-f_deadᵀd / f_liveᵀd of the mechanism: no larger α can be carried."""
     forces: FloatArray
@@ -380,7 +377,8 @@ class CollapseLoad:
     residual: float
     """Relative residual of those forces."""
     mechanism: FloatArray | None = None
-    """Collapse mechanism d, f_liveᵀd > 0, ‖d‖ = 1; None at an infinite factor."""
+    """Collapse mechanism d, f_liveᵀd > 0, ‖d‖ = 1; None at an infinite factor. Where the dead load
+    alone is not carried, the one that it drives."""
     smallest_contact_work: float = 0.0
     """Least work of an admissible unit force on the mechanism; zero to round-off."""
     status: str
@@ -389,6 +387,8 @@ class CollapseLoad:
     @property
     def certified(self) -> bool:
         """Whether forces and mechanism prove the factor from both sides, to 1e-4 of it."""
+        if np.isnan(self.factor):
+            return self.mechanism is not None
         if np.isinf(self.factor):
             return self.residual <= EQUILIBRIUM_TOLERANCE
         return (
@@ -401,7 +401,7 @@ class CollapseLoad:
     def rows(self) -> list[Row]:
         """The factor and its proof."""
         proof = ""
-        if self.mechanism is not None:
+        if np.isfinite(self.upper_bound):
             proof = f"; kinematic upper bound {self.upper_bound:.6g}, residual {self.residual:.1e}"
         return [Row("limit load", self.status + proof, finite(self.factor))]
 
@@ -425,7 +425,16 @@ def collapse_load(contacts: FrictionalContacts, dead: FloatArray, live: FloatArr
         raise FrictionError("limit load: the live load is zero; expected one that can grow")
     base = frictional_equilibrium(contacts, dead)
     if not base.holds:
-        raise FrictionError(f"limit load: dead load alone: {base.status}")
+        verdict = "not decided" if base.mechanism is None else "not carried"
+        return CollapseLoad(
+            factor=np.nan,
+            upper_bound=np.nan,
+            forces=np.zeros_like(base.forces),
+            residual=base.residual,
+            mechanism=base.mechanism,
+            smallest_contact_work=base.smallest_contact_work,
+            status=f"none: the dead load alone is {verdict}",
+        )
     alone = frictional_equilibrium(contacts, live)
     if alone.holds:
         return CollapseLoad(

@@ -20,17 +20,19 @@ Inelasticity (1998), chapter 3, for cutting back.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy.sparse as sp
 
 from geometry.mesh import FloatArray
 from mbd.equilibrium import EQUILIBRIUM_TOLERANCE
-from mbd.friction import FrictionalContacts
+from mbd.friction import FrictionalContacts, FrictionalEquilibrium
 from mbd.options import FrictionLaw
 from mbd.programs import Work
 
+#: Operations that may be spent: seconds.
+MOST_SECONDS = 10.0
 #: Increments in which the load grows, and most of them in which the imbalance does not halve.
 _INCREMENTS, _PATIENCE = 4, 15
 #: Imbalance of an increment over the load, and most iterations for it.
@@ -86,9 +88,13 @@ class _Joints:
 
 
 def load_by_increments(
-    contacts: FrictionalContacts, load: FloatArray, stiffness: FloatArray, work: Work
+    contacts: FrictionalContacts, load: FloatArray, weights: FloatArray | None, work: Work
 ) -> Loaded:
-    """Let a load (n_rows,) [N] grow on joints with a stiffness each, (n_contacts,) [-]."""
+    """Let a load (n_rows,) [N] grow on joints whose stiffnesses are the squares of weights.
+
+    Weights are those of `mbd.equilibrium.column_weights`, (n_contacts,); None: ones.
+    """
+    stiffness = np.ones(contacts.n_contacts) if weights is None else weights**2
     joints = _Joints(contacts, stiffness)
     n, size = len(load), float(np.linalg.norm(load))
     unit, mean = load / size, float(stiffness.sum()) / n
@@ -160,3 +166,28 @@ def _increment(
                 break
         displacement = trial
     return None, _MOST_ITERATIONS
+
+
+def settled(
+    found: FrictionalEquilibrium,
+    contacts: FrictionalContacts,
+    load: FloatArray,
+    weights: FloatArray | None,
+) -> FrictionalEquilibrium:
+    """Decide by a growing load where neither forces nor a mechanism are proved.
+
+    Blocks that come to rest prove forces; others show how they move.
+    """
+    if found.holds or found.mechanism is not None:
+        return found
+    loaded = load_by_increments(contacts, load, weights, Work(MOST_SECONDS))
+    if not loaded.rests:
+        return replace(found, motion=loaded.motion)
+    left = contacts.matrix @ loaded.forces.ravel() + load
+    residual = float(np.linalg.norm(left) / np.linalg.norm(load))
+    return FrictionalEquilibrium(
+        holds=True,
+        forces=loaded.forces,
+        residual=residual,
+        status=f"blocks come to rest under the growing load, relative residual {residual:.1e}",
+    )

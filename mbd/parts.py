@@ -8,17 +8,17 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, cast
+from typing import Any
 
 import numpy as np
 
-from geometry.assembly import AnyBlocks, Assembly
+from geometry.assembly import AnyBlocks
 from geometry.loads import LoadCase
-from geometry.mesh import BoolArray, FloatArray
+from geometry.mesh import FloatArray
 from geometry.parts.pairs import OfPairs, pair_values
 from geometry.parts.rows import Part, Row
 from mbd.contact_jacobian import Contacts, contact_jacobian
-from mbd.equilibrium import column_weights, equilibrium
+from mbd.equilibrium import Equilibrium, column_weights, equilibrium
 from mbd.force_range import ForceRanges, PlaneProblem, force_ranges, plane_problem
 from mbd.friction import (
     CollapseLoad,
@@ -27,43 +27,18 @@ from mbd.friction import (
     FrictionError,
     by_block,
     collapse_load,
-    finite,
     frictional_contacts,
     frictional_equilibrium,
 )
-from mbd.mechanism import Classification
+from mbd.loading import settled
+from mbd.motion import motion_of_blocks, placed_motion
 from mbd.options import Rigid
 from mbd.pushes import interlocking_margin
 from mbd.sliding_collapse import SlidingCollapse, sliding_collapse, sliding_state
 from mbd.squeeze import Squeeze, squeeze
 
-if TYPE_CHECKING:
-    from geometry.polyhedra.assembly import PolyhedralAssembly
-
 #: Dead and live load of each block, (n_blocks, 6) each [N, N mm].
 Wrenches = tuple[FloatArray, FloatArray]
-
-
-@dataclass(frozen=True)
-class WithEdges:
-    """The same questions where edges and corners count that meet edges and corners."""
-
-    n_contacts: int
-    """Contacts that were left out."""
-    holds: bool | None
-    """Whether the load could be carried with them; None: not certain."""
-    factor: float | None
-    """Load factor at collapse with them; None where it is not asked, or nothing is carried."""
-
-    def words(self, holds: bool, factor: float | None) -> str:
-        """What they would add to a verdict and a load factor."""
-        words = "nothing to the verdict"
-        if self.holds is not holds:
-            words = "the load would be carried" if self.holds else "not certain"
-        if self.factor is not None and factor is not None:
-            words += f"; limit load factor {self.factor:.6g} for {factor:.6g}"
-        left = f"({self.n_contacts} contacts without area, left out: a chamfer removes them)"
-        return f"{words} {left}"
 
 
 @dataclass(frozen=True)
@@ -80,16 +55,10 @@ class Friction:
     (n_contacts, 3) [N]."""
     squeeze: Squeeze | None
     """Whether friction that carries the load is pressed by it."""
-    counted: BoolArray | None
-    """Contacts of free blocks at which friction counts, (n_contacts,); None: all."""
-    edges: WithEdges | None
-    """What edges and corners would add; None where every contact bears."""
     interference: float
     """By which joints are stated to be squeezed [mm]; 0: they are not."""
     frictionless: str
     """Class without friction, in words."""
-    factor: float | None
-    """Load factor at collapse, where it is asked."""
     named: Callable[[int], str] = field(repr=False)
     """Name of a block."""
 
@@ -121,17 +90,12 @@ class Friction:
 
     @property
     def rows(self) -> list[Row]:
-        """Verdict, what edges would add, and the proof."""
-        found = self.equilibrium
-        rows = [Row("verdict", self.words)]
-        if self.edges is not None:
-            words = self.edges.words(self.holds, self.factor)
-            rows.append(Row("edges and corners would add", words))
-        proof = ""
+        """The proof."""
+        found, proof = self.equilibrium, ""
         if found.mechanism is not None:
             proof = f"; fᵀd/‖f‖ = {found.work:.3g}, least contact work "
             proof += f"{found.smallest_contact_work:.1e}"
-        return [*rows, Row("with friction", found.status + proof, found.residual)]
+        return [Row("proof", found.status + proof, found.residual)]
 
     def as_json(self) -> dict[str, Any]:
         """Return plain data."""
@@ -153,33 +117,7 @@ class Friction:
                 "least": self.squeeze.least if self.squeeze.needed else None,
                 "programs": self.squeeze.programs,
             }
-        if self.edges is not None:
-            factor = self.edges.factor
-            data["with_edges_and_corners"] = {
-                "n_contacts": self.edges.n_contacts,
-                "holds": self.edges.holds,
-                "collapse_factor": None if factor is None else finite(factor),
-            }
         return data
-
-
-@dataclass(frozen=True)
-class ByFaces:
-    """Mechanism class by the contacts that have an area alone."""
-
-    classification: Classification
-
-    @property
-    def rows(self) -> list[Row]:
-        """Class and proof."""
-        return [
-            Row("by faces alone", self.classification.mechanism.words),
-            Row("proof for the faces", self.classification.proof),
-        ]
-
-    def as_json(self) -> dict[str, Any]:
-        """Return plain data."""
-        return self.classification.as_json()
 
 
 # ---------------------------------------------------------------------------------------------
@@ -190,8 +128,8 @@ class ByFaces:
 class Question:
     """What is asked of rigid blocks beside their equilibrium without friction."""
 
-    whole: AnyBlocks
-    """All contacts."""
+    blocks: AnyBlocks
+    """With the contacts that count."""
     load: LoadCase
     """Says what is held."""
     wrenches: Wrenches
@@ -203,22 +141,13 @@ class Question:
     """That of some pairs of blocks."""
     interference: float
     """By which joints are stated to be squeezed [mm]."""
-    carried: bool
-    """Whether the load is carried without friction.
-
-    Forces that balance it are then admissible whatever the limits of friction: no joint needs a
-    squeeze beforehand."""
+    smooth: Equilibrium
+    """Without friction. Forces that balance the load are admissible whatever the friction: no joint
+    needs a squeeze beforehand."""
     frictionless: str
     """Class without friction, in words."""
     tell: Callable[[str], None]
     """Called with what is being found."""
-
-    @cached_property
-    def blocks(self) -> AnyBlocks:
-        """Those contacts at which friction counts: with an area, or in the interior of a face."""
-        if self.friction is None or isinstance(self.whole, Assembly):
-            return self.whole
-        return cast("PolyhedralAssembly", self.whole).bearing()
 
     @cached_property
     def contacts(self) -> Contacts:
@@ -228,11 +157,9 @@ class Question:
     @cached_property
     def frictional(self) -> FrictionalContacts:
         """Contacts with the friction that is stated, 0 where there is none."""
-        return self._frictional(self.blocks, self.contacts)
-
-    def _frictional(self, blocks: AnyBlocks, contacts: Contacts) -> FrictionalContacts:
-        given = pair_values(self.friction or 0.0, self.of_pairs, contacts.block_m, contacts.block_s)
-        return frictional_contacts(blocks, contacts, given, self.method.friction_law)
+        m, s = self.contacts.block_m, self.contacts.block_s
+        given = pair_values(self.friction or 0.0, self.of_pairs, m, s)
+        return frictional_contacts(self.blocks, self.contacts, given, self.method.friction_law)
 
     @cached_property
     def loads(self) -> Wrenches:
@@ -251,20 +178,19 @@ class Question:
         return column_weights(self.method.norm, self.contacts.areas)
 
     @cached_property
-    def counted(self) -> BoolArray | None:
-        """Contacts of free blocks at which friction counts, (n_contacts,); None: all."""
-        if self.blocks is self.whole:
-            return None
-        found = cast("PolyhedralAssembly", self.whole).interfaces
-        return found.bears[~(self.load.fixed[found.block_m] & self.load.fixed[found.block_s])]
-
-    @cached_property
     def balance(self) -> FrictionalEquilibrium | None:
         """Equilibrium with friction; None without it."""
         if self.friction is None:
             return None
         self.tell("equilibrium with friction")
-        return frictional_equilibrium(self.frictional, self.all_loads, weights=self.weights)
+        found = frictional_equilibrium(self.frictional, self.all_loads, weights=self.weights)
+        if self.smooth.holds and not found.holds:
+            normal = self.smooth.forces
+            forces = np.column_stack([normal, np.zeros((len(normal), 2))])
+            return FrictionalEquilibrium(
+                holds=True, forces=forces, residual=self.smooth.residual, status=self.smooth.status
+            )
+        return settled(found, self.frictional, self.all_loads, self.weights)
 
     @cached_property
     def collapse(self) -> CollapseLoad | None:
@@ -272,7 +198,12 @@ class Question:
         if not self.method.collapse:
             return None
         self.tell("load factor at collapse")
-        return collapse_load(self.frictional, *self.loads)
+        found = collapse_load(self.frictional, *self.loads)
+        if not np.isnan(found.factor) or found.mechanism is None:
+            return found
+        moving = placed_motion(self.blocks, found.mechanism, ~self.load.fixed)
+        motion = motion_of_blocks(self.blocks, moving, self.wrenches[0], proved=True)
+        return replace(found, status=f"{found.status}: {motion.words}")
 
     def parts(self) -> dict[str, Part]:
         """What is found, by name."""
@@ -292,22 +223,17 @@ class Question:
             if ranges is not None:
                 parts["ranges"] = ranges
         if method.margin:
-            every = contact_jacobian(self.whole, self.load.fixed, self.load.held)
             progress = self._counting("unit loads of the margin")
-            parts["margin"] = interlocking_margin(every, progress=progress)
+            parts["margin"] = interlocking_margin(self.contacts, progress=progress)
         return parts
 
     def _friction(self, balance: FrictionalEquilibrium) -> Friction:
-        forces = pressed = edges = None
-        counted = self.counted
+        forces = pressed = None
         if balance.holds:
             normals = self.blocks.interfaces.normals[self.contacts.index]
             forces = self.frictional.world(balance.forces, normals)
-            if counted is not None:
-                given, forces = forces, np.zeros((len(counted), 3))
-                forces[counted] = given
             pressed = Squeeze(needed=False, programs=0)
-            if counted is not None or not self.carried:
+            if not self.smooth.holds:
                 self.tell("whether the load presses the joints that need friction")
                 pressed = squeeze(
                     self.contacts,
@@ -317,34 +243,16 @@ class Question:
                     weights=self.weights,
                     progress=self._counting("whether the load presses the joints"),
                 )
-        if counted is not None and not counted.all():
-            self.tell("what edges and corners would add")
-            edges = self._with_edges()
         return Friction(
             coefficient=self.friction or 0.0,
             of_pairs=bool(self.of_pairs),
             equilibrium=balance,
             forces=forces,
             squeeze=pressed,
-            counted=counted,
-            edges=edges,
             interference=self.interference,
             frictionless=self.frictionless,
-            factor=None if self.collapse is None else self.collapse.factor,
-            named=self.whole.named,
+            named=self.blocks.named,
         )
-
-    def _with_edges(self) -> WithEdges:
-        """Whether friction would carry the load, and to which factor, if all contacts counted."""
-        contacts = contact_jacobian(self.whole, self.load.fixed, self.load.held)
-        dead, live = map(contacts.rows, self.wrenches)
-        frictional = self._frictional(self.whole, contacts)
-        answer = frictional_equilibrium(frictional, dead + live)
-        holds = True if answer.holds else None if answer.mechanism is None else False
-        factor = collapse_load(frictional, dead, live).factor if self.method.collapse else None
-        whole = cast("PolyhedralAssembly", self.whole)
-        left_out = int((~whole.interfaces.bears[contacts.index]).sum())
-        return WithEdges(left_out, holds, factor)
 
     def _sliding(self) -> SlidingCollapse:
         """Collapse by sliding without dilation, in the plane where the problem is plane."""

@@ -33,7 +33,7 @@ from geometry.mesh import FloatArray, ReadOnlyArrays
 from geometry.parts.measures import first_largest
 from geometry.parts.pairs import OfPairs, pair_values
 from geometry.parts.regions import region_points
-from geometry.parts.rows import Row, number
+from geometry.parts.rows import Row, finite, number
 from geometry.parts.supports import HeldFace
 from mbd.contact_jacobian import Contacts, contact_jacobian
 from mbd.equilibrium import (
@@ -47,7 +47,6 @@ from mbd.friction import (
     CollapseLoad,
     FrictionalContacts,
     collapse_load,
-    finite,
     frictional_contacts,
 )
 from mbd.options import FrictionLaw, Norm
@@ -279,7 +278,7 @@ class PushLimit(ReadOnlyArrays):
 
 @dataclass(frozen=True)
 class Push:
-    """Largest force with which a support that moves pushes its block, by faces alone."""
+    """Largest force with which a support that moves pushes its block, by faces."""
 
     friction: float
     """Coefficient under which it is pushed [-]."""
@@ -296,7 +295,10 @@ class Push:
         """Force at which the block moves with associated friction, and without dilation."""
         if isinstance(self.limit, str):
             return self.limit
-        most, slides = self.limit.associated, self.limit.sliding
+        most = self.limit.associated
+        if np.isnan(most.factor):
+            return most.status
+        slides = self.limit.sliding
         words = f"{number(most.factor)} N with associated friction"
         if np.isinf(most.factor):
             words = "unbounded with associated friction: faces jam"
@@ -310,7 +312,7 @@ class Push:
     @property
     def rows(self) -> list[Row]:
         """The force."""
-        return [Row("limit of the push", f"{self.words} (by faces alone)", self.associated, "N")]
+        return [Row("limit of the push", f"{self.words} (by faces)", self.associated, "N")]
 
     def as_json(self) -> dict[str, Any]:
         """Return plain data: forces in N; None where friction jams and there is no limit."""
@@ -351,8 +353,6 @@ def push_limit(
     ------
     RigidSupportError
         None or several supports move, or one is a spring.
-    FrictionError
-        The other loads alone cannot be carried.
     """
     pushes = [support for support in load.held if support.moves]
     if len(pushes) != 1:

@@ -40,7 +40,7 @@ import scipy.sparse as sp
 
 from geometry.assembly import AnyBlocks
 from geometry.mesh import FloatArray, IntArray
-from geometry.parts.rows import Row
+from geometry.parts.rows import Row, finite
 from mbd.contact_jacobian import Contacts
 from mbd.equilibrium import EQUILIBRIUM_TOLERANCE
 from mbd.friction import (
@@ -49,7 +49,6 @@ from mbd.friction import (
     FrictionalContacts,
     by_block,
     collapse_load,
-    finite,
     frictional_equilibrium,
 )
 from mbd.options import FrictionLaw
@@ -107,7 +106,8 @@ class SlidingCollapse:
     """A factor at which the blocks can begin to slide without dilation, and the proof."""
 
     factor: float
-    """α, a local minimum over such states; infinity where the associated factor is infinite."""
+    """α, a local minimum over such states; infinity where the associated factor is infinite, nan
+    where the dead load alone is not carried."""
     associated: float
     """Factor of limit analysis with dilation: no larger load can be carried."""
     forces: FloatArray
@@ -357,10 +357,13 @@ def sliding_collapse(
     Raises
     ------
     FrictionError
-        When the live load is zero, or the dead load alone cannot be carried.
+        When the live load is zero.
     """
     linear = replace(contacts, law=FrictionLaw.PYRAMID)
     start = collapse_load(linear, dead, live)
+    if np.isnan(start.factor):
+        none = np.zeros_like(start.forces)
+        return SlidingCollapse(np.nan, np.nan, none, None, None, 0, start.status)
     scale, size = float(np.linalg.norm(dead)) or 1.0, float(np.linalg.norm(live))
     work = Work(limit, progress=progress)
     programs = _programs(linear, dead / scale, live / size, work)

@@ -24,11 +24,10 @@ from mbd.contact_jacobian import Contacts
 from mbd.equilibrium import EQUILIBRIUM_TOLERANCE
 from mbd.force_range import DETERMINED
 from mbd.friction import FrictionalContacts, least_forces
-from mbd.loading import load_by_increments
+from mbd.loading import MOST_SECONDS, load_by_increments
 from mbd.programs import Work
+from mbd.verdict import SQUEEZED
 
-#: Operations that may be spent: seconds.
-MOST_SECONDS = 10.0
 #: Joints that are asked for their least force, those first that miss most of it.
 _MOST_JOINTS = 6
 
@@ -57,7 +56,7 @@ class Squeeze:
             )
         if not self.needed:
             return "carried"
-        press = "carried if pressed beforehand (a hint, not proved)"
+        press = f"carried{SQUEEZED}"
         if self.blocks is None:
             return press
         m, s = map(named, self.blocks)
@@ -98,8 +97,7 @@ def squeeze(
     if not (load.any() and np.any(frictional.friction)):
         return Squeeze(needed=False, programs=0)
     work = Work(limit, progress=progress)
-    stiffness = np.ones(len(forces)) if weights is None else weights**2
-    loaded = load_by_increments(frictional, load, stiffness, work)
+    loaded = load_by_increments(frictional, load, weights, work)
     if loaded.rests is not False:
         return Squeeze(needed=None if loaded.rests is None else False, programs=work.programs)
     missing = forces[:, 0] - loaded.forces[:, 0]

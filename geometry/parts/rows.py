@@ -3,12 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import isfinite
 from typing import Any, NamedTuple, Protocol
 
 
 def number(value: float) -> str:
     """A value without an error bar in four digits, without an exponent below a million."""
     return f"{float(f'{value:.4g}'):.6g}"
+
+
+def finite(value: float) -> float | None:
+    """A number as plain data; None where it is none."""
+    return float(value) if isfinite(value) else None
 
 
 class Row(NamedTuple):

@@ -54,9 +54,12 @@ def _layer_scene(folder: Path, units: str = "mm") -> Path:
 
 
 @pytest.mark.parametrize("units", ["mm", "m"])
-def test_a_layer_of_stl_tetrahedra_is_judged_interlocked(tmp_path: Path, units: str) -> None:
+def test_a_layer_of_stl_tetrahedra_is_interlocked_by_edges_alone(
+    tmp_path: Path, units: str
+) -> None:
     answer = _answer(load_case(str(_layer_scene(tmp_path, units))))
-    assert answer["interlocked"] is True
+    assert answer["interlocked"] is False
+    assert answer["edges_and_corners"]["mechanism"] == "locked"  # type: ignore[index]
     assert answer["n_blocks"] == 9
     family = _answer(load_case("tetrahedra", ["assembly.columns=3", "assembly.rows=3"]))
     # STL holds single precision: patches change by 1e-6, none is lost.
@@ -67,7 +70,7 @@ def test_a_layer_of_stl_tetrahedra_is_judged_interlocked(tmp_path: Path, units: 
 @pytest.mark.parametrize(
     ("name", "locked"),
     [
-        ("tetrahedra", True),
+        ("tetrahedra", False),
         ("octahedra", True),
         ("cubes", True),
         ("wall", False),
@@ -255,14 +258,16 @@ def test_what_point_contacts_alone_lock_is_said_to_be(tmp_path: Path) -> None:
     """Locked by edges that cross; by the faces it is a mechanism that the weight drives."""
     run = solve(load_case(_panel(tmp_path), method="rigid"))
     answer = run.as_dict()
-    assert (answer["mechanism"], answer["n_crossing_edges"]) == ("locked", 32)
-    assert answer["certificate"]["kind"] == "self-stress"
-    faces = answer["by_faces_alone"]
-    assert (faces["mechanism"], faces["certificate"]["kind"]) == ("activated", "mechanism")
+    every = answer["edges_and_corners"]
+    assert (every["mechanism"], answer["n_crossing_edges"]) == ("locked", 32)
+    assert every["certificate"]["kind"] == "self-stress"
+    assert every["carried"]
+    assert not answer["carried"]
+    assert (answer["mechanism"], answer["certificate"]["kind"]) == ("activated", "mechanism")
     # The certificate by multiplication, and by another program on the same contacts.
-    bare = contact_jacobian(run.details.blocks.with_faces_alone())
-    assert len(bare.index) == run.details.n_contacts - 28
-    motion = np.array(faces["certificate"]["virtual_displacement"]).ravel()
+    bare = contact_jacobian(run.details.blocks.bearing())
+    assert len(bare.index) == run.details.n_contacts
+    motion = np.array(answer["certificate"]["virtual_displacement"]).ravel()
     assert bare.jacobian.gap_rates(motion).min() > -1e-12
     force = bare.rows(run.details.load.wrenches)
     assert force @ motion > 0.5 * np.linalg.norm(force)
@@ -271,8 +276,9 @@ def test_what_point_contacts_alone_lock_is_said_to_be(tmp_path: Path) -> None:
     status, out, said = command("mbd", str(tmp_path / "panel.toml"), *told)
     assert status == 0, said
     words = re.sub(r"[│\s]+", " ", out)
-    assert "locked by 32 edge–edge contacts; by faces alone: activated" in words
-    assert "proof for the faces" in words
+    assert "held by edges and corners alone: faces alone do not carry" in words
+    assert "held by edges and corners alone: faces alone do not carry" in run.title
+    assert "proof with edges and corners" in words
 
 
 @pytest.mark.parametrize(("degrees", "thickness"), [(25.0, 60.0), (35.0, 30.0)])
@@ -299,8 +305,8 @@ def test_faces_are_decided_where_newton_stagnates(
         '[[parts]]\nfile = "panel.obj"\n[effects]\ngravity = [0, 0, -9810]\n'
     )
     answer = _answer(load_case(str(scene)))
-    assert answer["mechanism"] == "locked"
-    assert answer["by_faces_alone"]["mechanism"] == "activated"
+    assert answer["mechanism"] == "activated"
+    assert answer["edges_and_corners"]["mechanism"] == "locked"  # type: ignore[index]
 
 
 @pytest.mark.parametrize("asked", ["fem", "compare"])
@@ -311,10 +317,10 @@ def test_deformable_blocks_name_the_mechanism_of_their_faces(tmp_path: Path, ask
     assert err.startswith(f"error: {words}")
 
 
-def test_faces_alone_are_no_verdict_where_every_contact_has_an_area() -> None:
+def test_edges_and_corners_have_no_verdict_where_every_contact_has_an_area() -> None:
     answer = _answer(load_case("cubes"))
     assert answer["n_points_without_area"] == 0
-    assert "by_faces_alone" not in answer
+    assert "edges_and_corners" not in answer
 
 
 @pytest.mark.parametrize(("lift", "carried"), [(5.0, True), (8.0, False)])

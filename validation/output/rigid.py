@@ -50,8 +50,8 @@ _NOISE = 1e-9
 OF_RIGID_BLOCKS = "by mean pressures of facets of rigid blocks, without peaks"
 #: Why nothing of rigid blocks has an error bar.
 _NO_BARS = "none of rigid blocks; where forces are not unique, those of least norm are shown"
-#: Parts whose rows stand among the first, and those that stand beside the proof.
-_FIRST, _PROOFS = ("collapse", "sliding"), ("by_faces_alone",)
+#: Parts whose rows stand among the first.
+_FIRST = ("collapse", "sliding")
 
 
 def is_meshed(answer: Answer) -> bool:
@@ -124,10 +124,11 @@ def write_contacts(answer: Answer, path: Path) -> None:
 
 def rigid_table(answer: Answer) -> RowTable:
     """Verdict, measures, proof and times of a rigid answer."""
-    result, case = answer.details, answer.case
-    others = [name for name in answer.parts if name not in ("friction", *_FIRST, *_PROOFS, "notes")]
+    case = answer.case
+    known = ("friction", "motion", "edges_and_corners", *_FIRST, "notes")
+    others = [name for name in answer.parts if name not in known]
     first = [*_verdict_rows(answer), *_first_rows(answer), *part_rows(answer, *others)]
-    proof = [Row("proof", result.classification.proof), *part_rows(answer, *_PROOFS)]
+    proof = _proof_rows(answer)
     last = [*part_rows(answer, "notes"), cpu_row(answer.report["cpu_seconds"])]
     groups = _mesh_groups(answer) if is_meshed(answer) else _solid_groups(answer)
     return RowTable(
@@ -138,29 +139,33 @@ def rigid_table(answer: Answer) -> RowTable:
 
 def _verdict_rows(answer: Answer) -> list[Row]:
     """What was asked first: the verdict with friction, else that of the class."""
-    result, rubbing = answer.details, answer.parts.get("friction")
-    rows = [] if rubbing is None else rubbing.rows[:1]
+    result, moves = answer.details, part_rows(answer, "motion")
+    rows = [] if result.friction is None else [Row("verdict", result.words)]
     if not is_meshed(answer):
-        return rows or [Row("verdict (frictionless)", verdict_words(answer))]
+        words = f"{verdict_words(answer)}{result.edges}"
+        return [*(rows or [Row("verdict (frictionless)", words)]), *moves]
     rows.append(Row("kinematics (end rings fixed)", verdict_words(answer)))
     if result.supported_classification is not result.classification:
         supported = result.supported_classification.mechanism.words
         rows.append(Row("kinematics (supports of this load)", supported))
-    return rows
+    return [*rows, *moves]
 
 
 def verdict_words(answer: Answer) -> str:
-    """Class of the blocks in words; by faces alone where edge and vertex contacts change it."""
-    result, faces = answer.details.classification, answer.parts.get("by_faces_alone")
-    if is_meshed(answer):
-        return str(result.mechanism.words)
-    verdict = "interlocked" if result.locked else "not interlocked"
-    other = None if faces is None else faces.classification.mechanism  # type: ignore[attr-defined]
-    if other is None or other is result.mechanism:
-        return f"{verdict}; {result.mechanism.words}"
-    if result.locked:
-        verdict = "interlocked by edge and vertex contacts"
-    return f"{verdict}: {result.mechanism} by {bare_words(answer)}; by faces alone: {other}"
+    """Class of the blocks in words, without friction."""
+    result = answer.details.classification
+    verdict = "" if is_meshed(answer) else f"{'' if result.locked else 'not '}interlocked; "
+    return f"{verdict}{result.mechanism.words}"
+
+
+def _proof_rows(answer: Answer) -> list[Row]:
+    """Proof of the verdict; with friction that of the class beside it, and of edges and corners."""
+    rubbing, smooth = answer.details.friction, answer.details.classification.proof
+    rows = [Row("proof", smooth)]
+    if rubbing is not None:
+        rows = [*rubbing.rows, Row("proof without friction", smooth)]
+    beside = answer.details.edges_and_corners
+    return rows if beside is None else [*rows, *beside.proof_rows]
 
 
 def bare_words(answer: Answer) -> str:
@@ -196,10 +201,9 @@ def _first_rows(answer: Answer) -> list[Row]:
         words = reaction_words(measures, answer.report["reaction"])
         add("total reaction", words, measures["total_reaction"])
         rows += support_rows(answer.report)
-    if rubs:
-        rows += answer.parts["friction"].rows[1:]
-        if not is_meshed(answer):
-            rows.append(Row("without friction", verdict_words(answer)))
+    rows += part_rows(answer, "edges_and_corners")
+    if rubs and not is_meshed(answer):
+        rows.append(Row("without friction", verdict_words(answer)))
     if measures:
         rows.append(Row("error bars", _NO_BARS))
     if result.holds and not result.of_load:

@@ -89,19 +89,21 @@ def _carried(rigid: Answer) -> Verdict:
     result = rigid.details
     lines = [f"Load: {rigid.case.scene.load_words}."]
     if result.friction is None:
-        lines.append(f"Rigid blocks without friction: {result.equilibrium.status}.")
+        words = f"{result.equilibrium.status}{result.edges}"
+        lines.append(f"Rigid blocks without friction: {words}.")
     else:
         lines.append(f"Rigid blocks: {result.words}.")
     if result.holds and isinstance(rigid.case.scene, PolyhedralScene):
         reactions = reaction_rows(rigid.report.get("reactions", {}))
         lines += [f"Reaction of {row.words}." for row in reactions]
-    for row in part_rows(rigid, "collapse", "sliding"):
+    for row in part_rows(rigid, "motion", "collapse", "sliding"):
         lines.append(f"{row.title.capitalize()}: {row.words}.")
     words, tone = ("yes", GOOD) if result.holds else ("no", BAD)
-    pressed = None if result.friction is None else result.friction.squeeze
-    if pressed is not None and pressed.needed is not False:
-        words = "if pressed beforehand" if pressed.needed else "if the load presses the joints"
-        tone = CAUTION if pressed.needed else OPEN
+    verdict = result.verdict
+    if verdict.holds is None:
+        words, tone = "not decided", OPEN
+    elif verdict.condition:
+        words, tone = f"yes,{verdict.condition}", CAUTION if verdict.squeezed else OPEN
     return Verdict("Does it carry the load?", words, tone, tuple(lines))
 
 

@@ -348,8 +348,11 @@ def draw_mechanism(run: Answer, path: Path) -> None:
         outlines(assembly, blocks, nodes=nodes),
     ]
     view = View(parts, eye(assembly), weight=run.case.scene.weight)
-    driven = run.details.driven is not None
-    words = "the load activates it" if driven else "the load does not activate it"
+    words = "a mechanism exists, the load does not activate it"
+    if run.details.driven is not None:
+        words = "a mechanism exists, the load activates it"
+    elif run.details.moving is not None:
+        words = "how blocks move that do not come to rest (not proved)"
     panel = Panel(f"first-order motion, largest displacement drawn {length:.3g} mm", view)
-    title = f"{rigid_title(run)}; a mechanism exists, {words}"
+    title = f"{rigid_title(run)}; {words}"
     gallery([[panel]], title, path, height=7.0, scale=scale)

@@ -122,7 +122,7 @@ def draw_polyhedra(run: Answer, path: Path) -> None:
         )
     verdict = "interlocked" if result.classification.locked else "not interlocked"
     requested = result.friction is not None
-    answer = run.details.words if requested else f"{verdict} ({result.mechanism})"
+    answer = result.words if requested else f"{verdict} ({result.mechanism}){result.edges}"
     weight = run.case.scene.weight
     blocks = Panel("blocks", View(polyhedra_parts(assembly), eye(assembly), weight=weight))
     counts = (result.n_blocks, "free block"), (interfaces.n_contacts, "contact point")

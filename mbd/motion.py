@@ -1,0 +1,141 @@
+"""Which blocks a load moves most, and how."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any, cast
+
+import numpy as np
+
+from geometry.assembly import AnyBlocks, Assembly
+from geometry.mesh import BoolArray, FloatArray
+from geometry.parts.rows import Row
+
+#: Blocks that move less than this part of the largest displacement are not among those that move
+#: most; and how many are named.
+_MOST, _NAMED = 0.5, 3
+#: Displacements and components of directions that are none in words.
+_NONE = 0.1
+_AXES = "xyz"
+
+
+@dataclass(frozen=True)
+class BlockMotion:
+    """First-order motion of a block; of all blocks the largest displacement of a point is 1."""
+
+    block: int
+    displacement: FloatArray
+    """Of its mass centroid, (3,) [-]."""
+    turn: FloatArray
+    """Rotation times the largest arm of its points, (3,) [-]."""
+    size: float
+    """Largest displacement of its points [-]."""
+    weighs_down: bool = True
+    """Whether weight acts along -z, which is called down then."""
+
+    @property
+    def words(self) -> str:
+        """Displacement along axes, and axis about which it turns."""
+        parts = []
+        for axis, value in zip(_AXES, self.displacement.tolist(), strict=True):
+            down = axis == "z" and self.weighs_down
+            names = ("up", "down") if down else (f"+{axis}", f"-{axis}")
+            if abs(value) >= _NONE:
+                parts.append(f"{names[value < 0]} {abs(value):.2g}")
+        angle = float(np.linalg.norm(self.turn))
+        if angle >= _NONE:
+            parts.append(f"turns about {_axis(self.turn / angle)}")
+        return ", ".join(parts)
+
+
+def _axis(direction: FloatArray) -> str:
+    most = int(np.abs(direction).argmax())
+    if np.abs(np.delete(direction, most)).max() < _NONE:
+        return f"{'-' if direction[most] < 0 else ''}{_AXES[most]}"
+    return f"({', '.join(f'{x:.2f}' for x in direction)})"
+
+
+@dataclass(frozen=True)
+class Motion:
+    """How blocks move that a load drives."""
+
+    blocks: tuple[BlockMotion, ...]
+    """All that move most, the first one most."""
+    proved: bool
+    """Whether it is a mechanism that no contact forces hold; else where blocks went that did not
+    come to rest."""
+    named: Sequence[str] = field(repr=False)
+    """Names of these blocks."""
+
+    @property
+    def first(self) -> str:
+        """The block that moves most, and how."""
+        return f"block {self.named[0]} moves most: {self.blocks[0].words}"
+
+    @property
+    def words(self) -> str:
+        """The blocks that move most, and how."""
+        each = [f"{n}: {b.words}" for n, b in zip(self.named, self.blocks, strict=True)]
+        more = len(each) - _NAMED
+        return "; ".join([*each[:_NAMED], *([f"{more} more"] if more > 0 else [])])
+
+    @property
+    def rows(self) -> list[Row]:
+        """One row."""
+        return [Row("blocks that move most", self.words + ("" if self.proved else " (not proved)"))]
+
+    def as_json(self) -> dict[str, Any]:
+        """Return plain data."""
+        blocks = [
+            {"block": b.block, "displacement": b.displacement.tolist(), "turn": b.turn.tolist()}
+            for b in self.blocks
+        ]
+        return {"proved": self.proved, "blocks": blocks}
+
+
+def placed_motion(assembly: AnyBlocks, motion: FloatArray, free: BoolArray) -> FloatArray:
+    """(δt [mm], δθ [rad]) of all blocks, (n_blocks, 6), from rows of a Jacobian of free ones."""
+    moving = np.zeros((assembly.n_blocks, 6))
+    moving[free] = motion.reshape(-1, 6)
+    moving[:, 3:] /= assembly.characteristic_length
+    return moving
+
+
+def motion_of_blocks(
+    assembly: AnyBlocks, moving: FloatArray, weight: FloatArray | None, *, proved: bool
+) -> Motion:
+    """Name the blocks that move most.
+
+    From (δt, δθ) of each block to any scale, (n_blocks, 6) [mm, rad]. The weight of the blocks,
+    (n_blocks, 6), says which way is down.
+    """
+    total = np.zeros(3) if weight is None else weight[:, :3].sum(axis=0)
+    down = bool(total[2] < 0.0 and np.abs(total[:2]).max() <= 1e-6 * -total[2])
+    sizes, arms = np.zeros(len(moving)), np.zeros(len(moving))
+    for block in np.flatnonzero(moving.any(axis=1)).tolist():
+        points = assembly.place(block, _points(assembly, block)) - assembly.centroids[block]
+        moved = moving[block, :3] + np.cross(moving[block, 3:], points)
+        sizes[block] = np.linalg.norm(moved, axis=1).max()
+        arms[block] = np.linalg.norm(points, axis=1).max()
+    largest = float(sizes.max(initial=0.0)) or 1.0
+    sizes = np.round(sizes / largest, 6)
+    order = np.argsort(-sizes, kind="stable")
+    most = order[sizes[order] >= _MOST].tolist()
+    blocks = tuple(
+        BlockMotion(
+            block,
+            moving[block, :3] / largest,
+            moving[block, 3:] * arms[block] / largest,
+            float(sizes[block]),
+            down,
+        )
+        for block in most
+    )
+    return Motion(blocks, proved, [assembly.named(block) for block in most])
+
+
+def _points(assembly: AnyBlocks, block: int) -> FloatArray:
+    if isinstance(assembly, Assembly):
+        return assembly.shape(block).mesh.nodes
+    return cast("FloatArray", assembly.shape(block).points)

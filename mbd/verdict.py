@@ -1,0 +1,108 @@
+"""The verdict on a load, and what edges and corners change of it.
+
+Blocks touch at two sets of contacts, whatever the friction: on *faces*, and on *faces with edges
+and corners* (`PolyhedralAssembly.bearing`). The verdict of an answer is that of faces.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import isnan
+from typing import Any, NamedTuple
+
+from geometry.parts.rows import Row, finite
+from mbd.mechanism import Classification, MechanismClass
+
+#: What a load takes that does not press the joints itself.
+SQUEEZED = " if pressed beforehand (a hint, not proved)"
+
+
+class Verdict(NamedTuple):
+    """What is judged of blocks that touch at one set of contacts."""
+
+    mechanism: MechanismClass
+    """Class without friction."""
+    holds: bool | None
+    """Whether forces balance the load; None: neither they nor a mechanism are proved."""
+    squeezed: bool | None = False
+    """Whether joints seem to need a squeeze beforehand; None where the limit of work came first."""
+
+    @property
+    def condition(self) -> str:
+        """What else it takes, in words; empty where nothing does."""
+        if not self.holds or self.squeezed is False:
+            return ""
+        return SQUEEZED if self.squeezed else " if the load presses the joints itself (not decided)"
+
+    @property
+    def carried(self) -> str:
+        """Whether the load is carried, in words."""
+        words = {True: "carried", False: "not carried", None: "not decided"}
+        return words[self.holds] + self.condition
+
+    @property
+    def carries(self) -> str:
+        """The same of an assembly that is named before it."""
+        if self.holds is None:
+            return "carrying the load is not decided"
+        return ("carries the load" if self.holds else "does not carry the load") + self.condition
+
+
+def _factor_words(factor: float) -> str:
+    return "none" if isnan(factor) else f"{factor:.6g}".replace("inf", "unbounded")
+
+
+@dataclass(frozen=True)
+class EdgesAndCorners:
+    """What changes where edges and corners count beside faces."""
+
+    n_contacts: int
+    """Contacts that are left out."""
+    faces: Verdict
+    """Without them: that of the answer."""
+    both: Verdict
+    """With them."""
+    factors: tuple[float, float] | None
+    """Load factors at collapse without and with them; None where they are not asked."""
+    classification: Classification
+    """With them."""
+
+    @property
+    def words(self) -> str:
+        """What changes in the verdict; empty where nothing does."""
+        faces, both = self.faces, self.both
+        if both.holds and faces.holds is False:
+            held = "held by edges and corners alone: faces alone do not carry"
+            return f"{held}; with both {both.carried}" if both.squeezed is not False else held
+        changed = [both.carried] if both.carried != faces.carried else []
+        if both.mechanism is not faces.mechanism:
+            changed.insert(0, str(both.mechanism))
+        return f"with edges and corners: {', '.join(changed)}" if changed else ""
+
+    @property
+    def rows(self) -> list[Row]:
+        """What they would add."""
+        words = "nothing to the verdict"
+        if self.words:
+            words = f"verdict: {self.both.mechanism}, {self.both.carried}"
+        if self.factors is not None:
+            without, factor = map(_factor_words, self.factors)
+            words += f"; limit load factor {factor} for {without}"
+        left = f"({self.n_contacts} contacts without area, left out: a chamfer removes them)"
+        return [Row("edges and corners would add", f"{words} {left}")]
+
+    @property
+    def proof_rows(self) -> list[Row]:
+        """Proof of the class with them, where it is another one."""
+        other = self.both.mechanism is not self.faces.mechanism
+        return [Row("proof with edges and corners", self.classification.proof)] if other else []
+
+    def as_json(self) -> dict[str, Any]:
+        """Return plain data."""
+        return {
+            "n_contacts": self.n_contacts,
+            **self.classification.as_json(),
+            "carried": self.both.holds,
+            "squeeze_needed": self.both.squeezed,
+            "collapse_factor": None if self.factors is None else finite(self.factors[1]),
+        }
