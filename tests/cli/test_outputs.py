@@ -91,7 +91,10 @@ def _offered(shell: str, line: str) -> list[str]:
     return re.findall(r"[\w.=-]+", found.stdout)
 
 
-@pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
+@pytest.mark.parametrize(
+    "shell",
+    ["bash", *(pytest.param(shell, marks=pytest.mark.thorough) for shell in ("zsh", "fish"))],
+)
 def test_shells_complete_commands_scenes_and_keys(shell) -> None:
     assert {"mbd", "fem", "cost"} <= set(_offered(shell, "tubelock "))
     assert {"tsb1-pipe", "tsb1-pillar"} <= set(_offered(shell, "tubelock mbd tsb1-pi"))

@@ -56,6 +56,7 @@ def test_estimates_cover_nine_of_ten_errors() -> None:
     assert len(missed) <= judged // 10, missed
 
 
+@pytest.mark.thorough
 def test_estimates_of_higher_degree_cover_nine_of_ten_errors() -> None:
     """Seven measures of three scenes in two degrees, judged by degree 4 on finer meshes.
 

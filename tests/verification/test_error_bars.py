@@ -301,7 +301,7 @@ def test_a_change_of_degree_alone_leaves_a_bar_that_holds() -> None:
     assert abs(found.value - 0.014668) <= found.error + 0.002 * 0.014668
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_answers_with_friction_have_bars_of_a_tenth() -> None:
     wave = {"amplitude": 10.56, "frequency": 2.0, "shift": 0.643, "blocks_per_layer": 3}
     blocks = _tube(158.0, 193.1, 34.5, (16, 2, 4), **wave)
