@@ -23,8 +23,9 @@ if TYPE_CHECKING:
     import pyvista as pv
 
 
-#: Line of a deck that turns and moves a part.
+#: Lines of a deck that turn and move a part, and that read another file.
 _INSTANCE = re.compile(rb"^\s*\*instance\b", re.IGNORECASE | re.MULTILINE)
+_INCLUDE = re.compile(rb"^\s*\*include\b", re.IGNORECASE | re.MULTILINE)
 #: Its type of elements.
 _ELEMENT_TYPE = re.compile(r"^\s*\*element\b.*?\btype\s*=\s*(\w+)", re.IGNORECASE | re.MULTILINE)
 
@@ -153,10 +154,15 @@ def read_any_mesh(path: Path) -> Any:
     why = unreadable(path)
     if why is not None:
         raise MeshError(f"{path}: {why}; expected a mesh file")
-    if path.suffix.lower() == ".inp" and _INSTANCE.search(path.read_bytes()):
+    text = path.read_bytes() if path.suffix.lower() == ".inp" else b""
+    if _INSTANCE.search(text):
         raise MeshError(
             f"{path}: places parts by *Instance, which a reader of meshes drops; expected a mesh "
             "alone, its nodes where they are meant"
+        )
+    if _INCLUDE.search(text):
+        raise MeshError(
+            f"{path}: *Include of another file, of any folder; expected a mesh in one file"
         )
     try:
         # meshio probes whether an STL file is binary, and prints before it gives up; some of its

@@ -112,6 +112,14 @@ def test_unreadable_mesh_is_refused_in_one_line(tmp_path) -> None:
     path.write_text("<VTKFile")
     with pytest.raises(MeshError, match="cannot be read as a mesh"):
         read_any_mesh(path)
+    other = tmp_path / "other" / "mesh.inp"
+    other.parent.mkdir()
+    other.write_text("*Node\n1, 0, 0, 0\n")
+    for name in ("/dev/zero", str(other)):
+        path = tmp_path / "includes.inp"
+        path.write_text(f"*Include, input={name}\n")
+        with pytest.raises(MeshError, match=r"includes\.inp: \*Include of another file"):
+            read_any_mesh(path)
 
 
 def test_short_ways_to_volume_centroid_and_corners() -> None:
