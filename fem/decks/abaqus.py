@@ -39,6 +39,7 @@ from fem.decks.placement import placement_rows, rounded
 from fem.decks.supports import DeckSupports, node_lines_of, spring_lines
 from fem.element.hexahedron import ElementType
 from fem.method import Explicit
+from fem.system.effects import RayleighDamping
 from geometry.block import Block
 from geometry.loads import CircumferentialLoad
 from geometry.mesh import IntArray
@@ -253,15 +254,8 @@ def pair_sides(deck: Deck, pair: PatchPair) -> tuple[str, str]:
 
 def material_lines(deck: Deck) -> Iterator[str]:
     """Materials with density, elasticity and Rayleigh damping."""
-    rayleigh = deck.effects.rayleigh
-    values = (
-        {}
-        if rayleigh is None
-        else {
-            "alpha": rayleigh.mass_proportional,
-            "beta": rayleigh.stiffness_proportional,
-        }
-    )
+    rayleigh = deck.effects.rayleigh or RayleighDamping()
+    values = {"alpha": rayleigh.mass_proportional, "beta": rayleigh.stiffness_proportional}
     damping = {name: real(value) for name, value in values.items() if value is not None}
     for material, name in deck.material_names.items():
         yield keyword("Material", name=name)

@@ -277,9 +277,17 @@ def _held_sets(deck: Deck, supports: DeckSupports) -> Iterator[str]:
 def _surfaces(deck: Deck, patches: Patches | None) -> Iterator[str]:
     """Surfaces that pressures and contact pairs name."""
     known = [_shape_surfaces(deck, number, patches) for number in range(len(deck.assembly.shapes))]
-    for block, needed in enumerate(_needed_surfaces(deck, patches)):
-        for name, faces in known[int(deck.assembly.shape_of[block])].items():
-            if name in needed:
+    needed = {
+        (block, label(str(load.face)))
+        for problem in deck.stages
+        for load in on_faces(problem.load_case, deck.flavour)
+        for block in load.blocks.tolist()
+    }
+    for pair in () if patches is None else patches.pairs:
+        needed |= {(pair.block_m, pair.patch_m), (pair.block_s, pair.patch_s)}
+    for block, shape in enumerate(deck.assembly.shape_of.tolist()):
+        for name, faces in known[shape].items():
+            if (block, name) in needed:
                 prefix, first = deck.of_block(block, ""), deck.first_element[block] + 1
                 yield from surface_lines(name, faces, prefix=prefix, first_element=first)
 
@@ -292,16 +300,3 @@ def _shape_surfaces(deck: Deck, number: int, patches: Patches | None) -> dict[st
     for patch in () if patches is None else patches.of_shape[number]:
         surfaces[patch.label] = whole[patch.face].select(patch.positions)
     return surfaces
-
-
-def _needed_surfaces(deck: Deck, patches: Patches | None) -> list[set[str]]:
-    """Labels of the surfaces of each block that the deck names."""
-    needed: list[set[str]] = [set() for _ in range(deck.assembly.n_blocks)]
-    for problem in deck.stages:
-        for load in on_faces(problem.load_case, deck.flavour):
-            for block in load.blocks.tolist():
-                needed[block].add(label(str(load.face)))
-    for pair in () if patches is None else patches.pairs:
-        needed[pair.block_m].add(pair.patch_m)
-        needed[pair.block_s].add(pair.patch_s)
-    return needed

@@ -128,13 +128,9 @@ def node_lines(coordinates: FloatArray, first: int = 1) -> Iterator[str]:
 
 
 def element_lines(elements: IntArray, first: int = 1, first_node: int = 1) -> Iterator[str]:
-    """Data lines of ``*Element``: number and nodes, 16 entries or less on each."""
+    """Data lines of ``*Element``: number and nodes."""
     for number, nodes in enumerate((elements + first_node).tolist(), start=first):
-        words = [str(number), *map(str, nodes)]
-        for start in range(0, len(words), ENTRIES_PER_LINE):
-            part = words[start : start + ENTRIES_PER_LINE]
-            more = "," if start + ENTRIES_PER_LINE < len(words) else ""
-            yield ", ".join(part) + more
+        yield ", ".join(map(str, [number, *nodes]))
 
 
 def entry_lines(entries: Iterable[object]) -> Iterator[str]:

@@ -23,10 +23,8 @@ from fem.method import Explicit, Static
 from fem.problem import Problem, require_problem
 from fem.system.time_step import critical_time_step
 from geometry.assembly import Assembly
-from geometry.block import Block
 from geometry.loads import CircumferentialLoad
 from geometry.machine.system import write_whole
-from geometry.mesh import IntArray
 
 #: Explicit run to a static state where nobody names times [s]: with the paper's damping of 2 /s,
 #: amplitudes have fallen to e⁻⁶ = 0.25 % six seconds after the ramp.
@@ -118,13 +116,20 @@ def problem_deck(
     _check(deck)
     if deck.is_flat and isinstance(run, Explicit) and run.time_step is None:
         deck = replace(deck, method=_with_time_step(deck, run))
-    every = [*_mesh_notes(deck), *elements, *_contact_notes(deck), *_support_notes(deck), *notes]
+    every = [
+        f"mesh: {deck.first_element[-1]} {deck.element}; tubelock's own answer refines it until "
+        "its error bars are narrow",
+        "mesh: `tubelock deck FILE --run` solves it and prints its error bars",
+        *(*elements, *_contact_notes(deck), *_support_notes(deck), *notes),
+    ]
     if isinstance(run, Explicit) and _settles(problem, method):
         every += [
             "step: damped explicit dynamics approaches the static state",
             "damping: as stated, else the paper's; tubelock's adaptive damping is its own device",
         ]
-    return noted(deck, [*every, *_step_notes(deck)])
+    every += _step_notes(deck)
+    lines = (line for note in every for line in textwrap.wrap(note.strip(), _NOTE_WIDTH))
+    return replace(deck, notes=tuple(lines))
 
 
 def _run_of(
@@ -203,15 +208,11 @@ def _of_one_material_each(blocks: Assembly, problem: Problem) -> Assembly:
     """
     pairs = list(zip(blocks.shape_of.tolist(), problem.materials, strict=True))
     kinds = sorted(dict.fromkeys(pairs), key=lambda kind: kind[0])
-    if len(kinds) == len(blocks.shapes):
-        return _named_for_decks(blocks, blocks.shapes, blocks.shape_of)
-    shape_of = np.array([kinds.index(pair) for pair in pairs])
-    return _named_for_decks(blocks, tuple(blocks.shapes[shape] for shape, _ in kinds), shape_of)
-
-
-def _named_for_decks(blocks: Assembly, shapes: tuple[Block, ...], shape_of: IntArray) -> Assembly:
-    """Blocks of some shapes, under names that decks can have."""
-    title, *names = safe_names([blocks.name])[:1] + safe_names(shape.name for shape in shapes)
+    shapes, shape_of = blocks.shapes, blocks.shape_of
+    if len(kinds) != len(shapes):
+        shapes = tuple(shapes[shape] for shape, _ in kinds)
+        shape_of = np.array([kinds.index(pair) for pair in pairs])
+    (title,), names = safe_names([blocks.name]), safe_names(shape.name for shape in shapes)
     if [title, *names] == [blocks.name, *(shape.name for shape in blocks.shapes)]:
         return blocks
     renamed = tuple(replace(shape, name=n) for shape, n in zip(shapes, names, strict=True))
@@ -274,15 +275,6 @@ def _with_time_step(deck: Deck, run: Explicit) -> Explicit:
 
 # ---------------------------------------------------------------------------------------------
 # Notes
-
-
-def _mesh_notes(deck: Deck) -> list[str]:
-    """Which mesh a deck has, and how its error is learnt."""
-    return [
-        f"mesh: {deck.first_element[-1]} {deck.element}; tubelock's own answer refines it until "
-        "its error bars are narrow",
-        "mesh: `tubelock deck FILE --run` solves it and prints its error bars",
-    ]
 
 
 def _contact_notes(deck: Deck) -> list[str]:
@@ -368,9 +360,3 @@ def _step_notes(deck: Deck) -> list[str]:
             text += "; single precision loses digits in so many: run abaqus with double=both"
         notes.append(text)
     return notes
-
-
-def noted(deck: Deck, notes: list[str]) -> Deck:
-    """Add notes to those that a deck has, in lines of its heading."""
-    lines = [line for note in notes for line in textwrap.wrap(note.strip(), _NOTE_WIDTH)]
-    return replace(deck, notes=(*deck.notes, *lines))
