@@ -164,7 +164,7 @@ def _check_finite(path: Path, points: FloatArray, name: str = "") -> None:
     # Volumes are cubes of lengths, inertias their fifth powers: both must be numbers.
     where = f"{path}: {name}" if name else str(path)
     size = float(np.ptp(points, axis=0).max(initial=0.0)) if len(points) else 1.0
-    if size < _LEAST:
+    if 0.0 < size < _LEAST:
         raise MeshError(
             f"{where}: all vertices lie within {size:.3g} units; expected a solid of {_LEAST:g} "
             "units or more"

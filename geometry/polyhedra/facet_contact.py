@@ -22,6 +22,7 @@ from scipy.spatial import cKDTree
 
 from geometry.mesh import BoolArray, FloatArray, IntArray, run_starts
 from geometry.polyhedra.bare_contacts import CROSSING_EDGES, STANDING_CORNER
+from geometry.polyhedra.exact_contact import touched
 from geometry.polyhedra.options import ContactPlacement
 from geometry.polyhedra.placed_shapes import PlacedShapes
 from geometry.polyhedra.point_contact import PointContacts, crossing_edges, standing_corners
@@ -41,6 +42,8 @@ _SPECK = 1e-12
 _SAMPLES = np.array([[i, j, 8 - i - j] for i in (1, 3, 5) for j in (1, 3, 5) if i + j < 8]) / 8.0
 #: … and the part of a line at each of its ends where its own blocks hide nothing.
 _INSET = 1e-3
+#: Points of a patch this near to each other are one, in sizes of the assembly.
+_ONE_POINT = 1e-6
 #: Largest angle between facing facets of flat faces unless stated [°].
 _ANGLE = 5.0
 
@@ -113,6 +116,13 @@ class ContactPatches:
     wide: BoolArray
     """Whether the faces share an area there, not a strip that a chamfer takes away, (n_patches,).
     """
+    widths: FloatArray
+    """Width of what both faces share, (n_patches,) [mm]."""
+    curved: BoolArray
+    """Whether one of both faces is curved, (n_patches,)."""
+    gaps: FloatArray
+    """Least gap of exact faces of CAD models, negative where they overlap, else 0; (n_patches,)
+    [mm]."""
 
 
 @dataclass(frozen=True)
@@ -234,6 +244,8 @@ def _opposing(world: PlacedShapes, angle: float | None) -> IntArray:
 def facing_areas(world: PlacedShapes, angle: float, touching: float) -> tuple[IntArray, FloatArray]:
     """Pairs of blocks that see each other within the tolerance, sorted, (n, 2); areas [mm²].
 
+    Curved faces of CAD models do not count: where they touch is in their shape.
+
     Parameters
     ----------
     world
@@ -244,6 +256,7 @@ def facing_areas(world: PlacedShapes, angle: float, touching: float) -> tuple[In
         Nothing lies between facets this near to each other [mm].
     """
     pairs = _opposing(world, angle)
+    pairs = pairs[(world.offsets[pairs] == 0.0).all(axis=1)]
     corners, count, area = _clipped(world, pairs)
     kept = np.flatnonzero((count >= 3) & (area > 0.0))
     used = np.arange(MOST_CORNERS) < count[kept][:, None]
@@ -297,12 +310,43 @@ def _seen_areas(
     return np.bincount(owner, weights=areas, minlength=len(pairs))
 
 
-def _clipped(world: PlacedShapes, pairs: IntArray) -> tuple[FloatArray, IntArray, FloatArray]:
-    """Corners (n, most, 3), their number (n,) and area (n,) of what pairs of triangles share."""
-    corners = np.empty((len(pairs), MOST_CORNERS, 3))
+def _clipped(
+    world: PlacedShapes, pairs: IntArray, reach: FloatArray | float = 0.0
+) -> tuple[FloatArray, IntArray, FloatArray]:
+    """Corners (n, most, 3), their number (n,) and area (n,) of what pairs of triangles share.
+
+    ``reach``: by how much more than the tolerance they may be apart [mm].
+    """
+    corners = np.zeros((len(pairs), MOST_CORNERS, 3))
     count, area = np.zeros(len(pairs), dtype=np.int64), np.zeros(len(pairs))
-    clip_pairs(world.corners, world.normals, pairs, world.tolerance, corners, count, area)
+    tolerances = np.broadcast_to(world.tolerance + np.asarray(reach), len(pairs)).copy()
+    clip_pairs(world.corners, world.normals, pairs, tolerances, corners, count, area)
     return corners, count, area
+
+
+def _shared(
+    world: PlacedShapes, angle: float | None
+) -> tuple[IntArray, FloatArray, FloatArray, IntArray, FloatArray, FloatArray]:
+    """Pairs of triangles that touch, their polygons, where these touch, counts, areas and gaps.
+
+    Gaps are those of exact curved faces, zero of others.
+    """
+    off = world.offsets
+    wide = world if not off.any() else world.wider(2.0 * float(off.max()))
+    pairs = _opposing(wide, angle)
+    reach = off[pairs].sum(axis=1)
+    corners, count, area = _clipped(world, pairs, reach)
+    touch, gaps = corners.copy(), np.zeros(len(pairs))
+    curved = np.flatnonzero((reach > 0.0) & (count >= 3))
+    if curved.size:
+        exact = touched(world, pairs[curved], corners[curved], count[curved])
+        corners[curved], touch[curved] = exact.corners, exact.touch
+        count[curved], gaps[curved] = exact.count, exact.gaps
+        used = np.arange(MOST_CORNERS - 2) < exact.count[:, None] - 2
+        fans = exact.corners[:, 1:] - exact.corners[:, :1]
+        twice = np.linalg.norm(np.cross(fans[:, :-1], fans[:, 1:]), axis=2)
+        area[curved] = 0.5 * np.where(used, twice, 0.0).sum(axis=1)
+    return pairs, corners, touch, count, area, gaps
 
 
 def _in_patches(world: PlacedShapes, pairs: IntArray, areas: FloatArray) -> BoolArray:
@@ -320,8 +364,7 @@ def find_contacts(
 
     Angle and placement are those of `geometry.polyhedra.options.DetectionOptions`.
     """
-    pairs = _opposing(world, angle)
-    corners, count, area = _clipped(world, pairs)
+    pairs, corners, touch, count, area, gaps = _shared(world, angle)
     least = np.minimum(world.areas[pairs[:, 0]], world.areas[pairs[:, 1]])
     least *= _SPECK if placement is ContactPlacement.VERTICES else _SLIVER
     kept = np.flatnonzero((count >= 3) & (area > least))
@@ -343,16 +386,23 @@ def find_contacts(
         patch=patch,
     )
     n_patches = len(patch_start) - 1
+    least_gap = np.zeros(n_patches)
+    np.minimum.at(least_gap, patch, gaps[kept])
     normal, patch_area = np.zeros((n_patches, 3)), np.zeros(n_patches)
     np.add.at(patch_area, patch, area)
     np.add.at(normal, patch, direction * area[:, None])
     first = patch_start[:-1]
+    faces = np.column_stack([world.faces[m][first], world.faces[s][first]])
+    width = _widths(polygons, faces)
     patches = ContactPatches(
         block_m=world.block[m][first],
         block_s=world.block[s][first],
         normals=normal / np.linalg.norm(normal, axis=1, keepdims=True),
         areas=patch_area,
-        wide=_wide(world, polygons, world.faces[m][first], world.faces[s][first]),
+        wide=width > world.least_widths[faces].min(axis=1),
+        widths=width,
+        curved=(world.turns[m] + world.turns[s])[first] > 0.0,
+        gaps=least_gap,
     )
     if placement is ContactPlacement.CENTROIDS:
         contacts = _on_patches(
@@ -364,7 +414,9 @@ def find_contacts(
             areas=area,
         )
         return _on_exact_faces(world, contacts, m[first], s[first])
-    flat_contacts = _on_exact_faces(world, _at_vertices(patches, polygons), m[first], s[first])
+    places = touch[kept][flat] if world.offsets.any() else None
+    at_vertices = _at_vertices(patches, polygons, places)
+    flat_contacts = _on_exact_faces(world, at_vertices, m[first], s[first])
     narrow = np.flatnonzero(~flat_contacts.bears)
     for triangle in (m, s):
         faces = world.faces[triangle][first][flat_contacts.patch[narrow]]
@@ -374,18 +426,14 @@ def find_contacts(
     return flat_contacts
 
 
-def _wide(
-    world: PlacedShapes, polygons: ContactPolygons, faces_m: IntArray, faces_s: IntArray
-) -> BoolArray:
-    """Whether faces m and s of each patch share more than a strip, (n_patches,).
+def _widths(polygons: ContactPolygons, faces: IntArray) -> FloatArray:
+    """Width of what the two faces of each patch (n_patches, 2) share, (n_patches,) [mm].
 
     All that two faces share counts together: the facets of curved faces are narrow.
     """
-    both = np.column_stack([faces_m, faces_s])
-    group = np.unique(both, axis=0, return_inverse=True)[1].ravel()
+    group = np.unique(faces, axis=0, return_inverse=True)[1].ravel()
     triangles, owner = polygons.triangles
-    width = widths(polygons.corners[triangles], group[polygons.patch[owner]])
-    return width[group] > world.least_widths[both].min(axis=1)
+    return widths(polygons.corners[triangles], group[polygons.patch[owner]])[group]
 
 
 def _on_exact_faces(
@@ -472,8 +520,14 @@ def _on_patches(
     )
 
 
-def _at_vertices(patches: ContactPatches, polygons: ContactPolygons) -> ContactPoints:
-    """Points at the corners of each patch's convex hull."""
+def _at_vertices(
+    patches: ContactPatches, polygons: ContactPolygons, places: FloatArray | None = None
+) -> ContactPoints:
+    """Points at the corners of each patch's convex hull.
+
+    ``places`` are where exact faces touch for each corner of the polygons, (n_corners, 3): several
+    corners of a strip have one.
+    """
     owner = np.repeat(polygons.patch, np.diff(polygons.start))
     n_patches = len(patches.areas)
     # Along no edge that anyone draws: round-off does not change the order of corners.
@@ -497,11 +551,24 @@ def _at_vertices(patches: ContactPatches, polygons: ContactPolygons) -> ContactP
     total = hulls(flat, start, order, 1e-7 * size, chosen, chosen_start)
     corner, count = chosen[:total], np.diff(chosen_start)
     patch = np.repeat(np.arange(n_patches), count)
+    if places is not None:
+        once = _distinct(places[corner], patch, size)
+        corner, patch = corner[once], patch[once]
+        count = np.bincount(patch, minlength=n_patches)
     return _on_patches(
         patches,
         polygons,
         patch,
-        points=polygons.corners[corner],
+        points=(polygons.corners if places is None else places)[corner],
         normals=patches.normals[patch],
         areas=(patches.areas / np.maximum(count, 1))[patch],
     )
+
+
+def _distinct(points: FloatArray, patch: IntArray, size: float) -> IntArray:
+    """Places of points (n, 3) that no earlier one of their patch (n,) equals, ascending."""
+    near = cKDTree(points).query_pairs(_ONE_POINT * size, output_type="ndarray")
+    same = near[patch[near[:, 0]] == patch[near[:, 1]]]
+    kept = np.ones(len(points), dtype=np.bool_)
+    kept[same.max(axis=1)] = False
+    return np.flatnonzero(kept)

@@ -194,6 +194,8 @@ def overlap_depth(
     depth, where = penetration(a, b, motion, tolerance, distances)
     if depth <= tolerance:
         return depth, where
+    if a.exact is not None or b.exact is not None:
+        return exact_penetration((a, b), motion, distances)
     rotation, translation = motion
     touch = max(tolerance, _ROUND_OFF * float(np.ptp(a.points, axis=0).max()))
     for way in separations(a, b, motion, least=tolerance, most=_HELD * depth)[:_TRIED]:
@@ -201,6 +203,67 @@ def overlap_depth(
         if penetration(a, b, there, touch, distances)[0] <= touch:
             return way.distance, way.point
     return depth, where
+
+
+def exact_penetration(
+    shapes: tuple[Polyhedron, Polyhedron],
+    motion: tuple[FloatArray, FloatArray],
+    distances: tuple[SignedDistance, SignedDistance],
+) -> tuple[float, FloatArray]:
+    """As `penetration`, of shapes whose curved faces are those of CAD models, not their facets.
+
+    Points of one that lie off its exact faces are moved onto them, and depths are measured from
+    the exact faces of the other.
+    """
+    rotation, translation = motion
+
+    def into_a(points: FloatArray) -> FloatArray:
+        return points @ rotation.T + translation
+
+    def into_b(points: FloatArray) -> FloatArray:
+        return (points - translation) @ rotation
+
+    a, b = shapes
+    crossings = (
+        _inner_middles(into_b(a.points), a.edges, b.surface),
+        _inner_middles(into_a(b.points), b.edges, a.surface),
+    )
+    depth, where = 0.0, np.zeros(3)
+    for one, other, to_other, met, way, placed in (
+        (a, b, distances[1], into_a(crossings[0]), into_b, lambda points: points),
+        (b, a, distances[0], into_b(crossings[1]), into_a, into_a),
+    ):
+        points = np.concatenate([one.points, one.middles, met])
+        near, height = on_exact_faces(one, points)
+        points = np.where((height > 0.0)[:, None], near, points)
+        there = way(points)
+        _, outside = on_exact_faces(other, there)
+        depths = np.minimum(-to_other(there), np.where(np.isnan(outside), np.inf, -outside))
+        if depths.max() > depth:
+            depth, where = float(depths.max()), placed(points)[int(depths.argmax())]
+    return depth, where
+
+
+def on_exact_faces(shape: Polyhedron, points: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Nearest points on exact curved faces, and heights of points (n, 3) above them, (n,) [mm].
+
+    Points that are farther from them than any facet lies off its face have none: NaN.
+    """
+    near, height = points.copy(), np.full(len(points), np.nan)
+    off = shape.facet_errors[0]
+    curved = np.flatnonzero(off > 0.0)
+    if not curved.size:
+        return near, height
+    import pyvista as pv
+
+    facets = pv.PolyData.from_regular_faces(shape.points, shape.triangles[curved])
+    cells, on_facet = facets.find_closest_cell(points, return_closest_point=True)
+    rows = np.flatnonzero(np.linalg.norm(on_facet - points, axis=1) <= 2.0 * off.max())
+    assert shape.exact is not None
+    foot, normals = shape.exact.on(points[rows], curved[np.asarray(cells)[rows]])
+    near[rows] = foot
+    height[rows] = np.einsum("ni,ni->n", points[rows] - foot, normals)
+    return near, height
 
 
 def find_overlaps(
@@ -232,6 +295,20 @@ def find_overlaps(
         for i, j in pairs[one.pairs].tolist():
             overlaps.append(Overlap(i, j, depth, blocks.place(i, where), words))
     return sorted(overlaps, key=lambda overlap: (-overlap.depth, overlap.block_a, overlap.block_b))
+
+
+def _of_exact_faces(assembly: PolyhedralAssembly) -> list[Overlap]:
+    """Overlaps of curved faces of CAD models between the vertices of their facets."""
+    if all(shape.exact is None for shape in assembly.shapes):
+        return []
+    patches = assembly.interfaces.patches
+    deep = np.flatnonzero(patches.gaps < -assembly.tolerance)
+    middles = assembly.interfaces.polygons.patch_centroids
+    found: dict[tuple[int, int], Overlap] = {}
+    for k in deep[np.argsort(patches.gaps[deep])].tolist():
+        pair = int(patches.block_m[k]), int(patches.block_s[k])
+        found.setdefault(pair, Overlap(*pair, float(-patches.gaps[k]), middles[k]))
+    return list(found.values())
 
 
 #: Largest tolerance, in block lengths ∛V.
@@ -294,7 +371,7 @@ def check_overlaps(assembly: PolyhedralAssembly) -> None:
     AssemblyError
         Naming the pairs, deepest first, how deep and where.
     """
-    overlaps = find_overlaps(assembly, assembly.tolerance)
+    overlaps = find_overlaps(assembly, assembly.tolerance) or _of_exact_faces(assembly)
     if not overlaps:
         return
     pairs = "; ".join(
@@ -343,8 +420,9 @@ def check_assembly(assembly: PolyhedralAssembly, supported: IntArray | None = No
 
 def _check_distance(assembly: PolyhedralAssembly) -> None:
     """Reject coordinates that are rounded to what counts as a gap."""
-    points = np.concatenate([assembly.points(block) for block in range(assembly.n_blocks)])
-    reach, size = float(np.abs(points).max()), float(np.ptp(points, axis=0).max())
+    points = [assembly.points(block) for block in range(assembly.n_blocks)]
+    reach = max(float(np.abs(block).max()) for block in points)
+    size = max(float(np.ptp(block, axis=0).max()) for block in points)
     rounding = float(np.spacing(reach))
     if rounding <= _ROUNDING * assembly.tolerance:
         return

@@ -30,6 +30,10 @@ class PlacedShapes:
     tolerance: float
     """Distance within which triangles are near each other [mm]."""
 
+    def wider(self, more: float) -> PlacedShapes:
+        """The same for searches within a distance that is larger by so much [mm]."""
+        return PlacedShapes(self.blocks, self.tolerance + more)
+
     def of_blocks(self, one: Callable[[Polyhedron, int], Values]) -> Values:
         """What is found for each block's shape and number, one block after the other."""
         return np.concatenate([one(self.blocks.shape(b), b) for b in range(self.blocks.n_blocks)])
@@ -67,7 +71,19 @@ class PlacedShapes:
     @cached_property
     def turns(self) -> FloatArray:
         """Angles by which they may be turned from curved faces, (n_triangles,) [rad]."""
-        return self.of_blocks(lambda shape, _: shape.plane_turns[shape.plane_of])
+        return self.of_blocks(
+            lambda shape, _: np.maximum(shape.plane_turns[shape.plane_of], shape.facet_errors[1])
+        )
+
+    @cached_property
+    def sizes(self) -> FloatArray:
+        """Longest side of their boxes, (n_triangles,) [mm]."""
+        return np.asarray(np.ptp(self.corners, axis=1).max(axis=1))
+
+    @cached_property
+    def offsets(self) -> FloatArray:
+        """How far they lie off the curved faces of CAD models, (n_triangles,) [mm]."""
+        return self.of_blocks(lambda shape, _: shape.facet_errors[0])
 
     @cached_property
     def planes(self) -> IntArray:
@@ -120,6 +136,46 @@ class PlacedShapes:
         """Block of each, (n_triangles,)."""
         return self.of_blocks(lambda shape, block: np.full(len(shape.triangles), block))
 
+    def apart(
+        self, points: FloatArray, m: IntArray, s: IntArray
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """What two exact faces are apart near some points.
+
+        Parameters
+        ----------
+        points
+            (n, 3) [mm]
+        m, s
+            Triangles of the two faces, (n,) each.
+
+        Returns
+        -------
+        FloatArray
+            Gap along the mean normal, ∞ beside a face, (n,) [mm].
+        FloatArray
+            Its slope: the sum of both normals, (n, 3).
+        FloatArray
+            Points half-way between the faces, (n, 3) [mm].
+        """
+        feet, normals, lost = [], [], np.zeros(len(points), dtype=np.bool_)
+        for triangles in (m, s):
+            foot, normal = self.on_exact_faces(points, triangles)
+            curved = self.offsets[triangles] > 0.0
+            lost |= curved & (normal == self.normals[triangles]).all(axis=1)
+            flat = np.flatnonzero(~curved)
+            arm = self.corners[triangles[flat], 0] - points[flat]
+            height = np.einsum("ni,ni->n", arm, normal[flat])
+            foot[flat] = points[flat] + height[:, None] * normal[flat]
+            feet.append(foot)
+            normals.append(normal)
+        direction = normals[0] - normals[1]
+        direction /= np.linalg.norm(direction, axis=1, keepdims=True)
+        gap = np.einsum("ni,ni->n", feet[1] - feet[0], direction)
+        gap[lost] = np.inf
+        middle = 0.5 * (feet[0] + feet[1]) - points
+        along = np.einsum("ni,ni->n", middle, direction)
+        return gap, normals[0] + normals[1], points + along[:, None] * direction
+
     def on_exact_faces(
         self, points: FloatArray, triangles: IntArray
     ) -> tuple[FloatArray, FloatArray]:
@@ -138,6 +194,9 @@ class PlacedShapes:
             placed = self.blocks
             local = (points[rows] - placed.translations[one]) @ placed.rotations[one]
             near, outward = exact.on(local, triangles[rows] - start[one])
+            # Beyond the border of a face the kernel may answer with another side of it.
+            beside = np.linalg.norm(near - local, axis=1) <= self.sizes[triangles[rows]]
+            rows, near, outward = rows[beside], near[beside], outward[beside]
             places[rows], normals[rows] = self.placed(near, one), self.turned(outward, one)
         return places, normals
 

@@ -36,6 +36,8 @@ from geometry.polyhedra.triangle_search import (
 
 #: Edges flatter than this are the facets of a curved face, not edges [°].
 _SHARP = 25.0
+#: Points of a triangle where it is compared with its exact face, by its corners.
+_ON_FACETS = np.array([*np.eye(3), *(0.5 * (1.0 - np.eye(3))), np.full(3, 1.0 / 3.0)])
 #: 1 + cos of the angle between neighbours that lie on each other: half a thousandth of a radian.
 _FLAT = 1e-7
 
@@ -108,6 +110,22 @@ class Polyhedron:
     def middles(self) -> FloatArray:
         """Centroids of triangles, (n_triangles, 3) [mm]."""
         return self.corners.mean(axis=1)
+
+    @cached_property
+    def facet_errors(self) -> tuple[FloatArray, FloatArray]:
+        """How far [mm] and by which angle [rad] facets leave exact faces, (n_triangles,) each."""
+        away, turn = np.zeros((2, len(self.triangles)))
+        if self.exact is None:
+            return away, turn
+        curved = np.flatnonzero(self.exact.curved(np.arange(len(self.triangles))))
+        points = _ON_FACETS @ self.corners[curved]
+        every = np.repeat(curved, len(_ON_FACETS))
+        near, normals = self.exact.on(points.reshape(-1, 3), every)
+        distance = np.linalg.norm(near - points.reshape(-1, 3), axis=1)
+        cosine = np.einsum("ni,ni->n", normals, self.normals[every])
+        away[curved] = distance.reshape(len(curved), -1).max(axis=1)
+        turn[curved] = np.arccos(np.clip(cosine, -1.0, 1.0)).reshape(len(curved), -1).max(axis=1)
+        return away, turn
 
     @cached_property
     def edges(self) -> IntArray:

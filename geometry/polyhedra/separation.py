@@ -217,7 +217,7 @@ class _Seen:
         as_seen = self._signs[:, None] * direction
         shared = np.zeros((len(pairs), MOST_CORNERS, 3))
         count, area = np.zeros(len(pairs), dtype=np.int64), np.zeros(len(pairs))
-        clip_pairs(corners, as_seen, pairs, np.inf, shared, count, area)
+        clip_pairs(corners, as_seen, pairs, np.full(len(pairs), np.inf), shared, count, area)
         kept = (count >= 3) & (area > 0.0)
         pairs, shared, count = pairs[kept], shared[kept], count[kept]
         used = np.arange(MOST_CORNERS) < count[:, None]

@@ -327,11 +327,11 @@ def _height(point, corner, normal, direction):
 
 
 @njit(cache=True)
-def clip_pairs(corners, normals, pairs, tolerance, polygons, count, area):
+def clip_pairs(corners, normals, pairs, tolerances, polygons, count, area):
     """Overlap of pairs of opposing triangles, seen along their mean normal, where they touch.
 
     The polygon lies half-way between the two triangles; parts further apart (or deeper in each
-    other) than ``tolerance`` are cut off.
+    other) than the tolerance of the pair are cut off.
     """
     buffer = np.empty((MOST_CORNERS + 1, 3))
     polygon = np.empty((MOST_CORNERS + 1, 3))
@@ -357,7 +357,7 @@ def clip_pairs(corners, normals, pairs, tolerance, polygons, count, area):
             for k in range(n):
                 gap = _height(polygon[k], corners[j, 0], normals[j], direction)
                 gap -= _height(polygon[k], corners[i, 0], normals[i], direction)
-                value[k] = tolerance + sign * gap
+                value[k] = tolerances[pair] + sign * gap
             n = _cut(polygon, n, buffer, value)
         if n < 3:
             count[pair], area[pair] = 0, 0.0

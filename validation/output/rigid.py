@@ -296,9 +296,25 @@ def _solid_groups(answer: Answer) -> list[list[Row]]:
         f"{len(patches.areas)}, {patches.areas.sum():.5g} mm² in all; contact tolerance "
         f"{solids.tolerance:.3g} mm"
     )
-    rows = [Row("model", model), Row("contact patches", joints)]
+    rows = [Row("model", model), Row("contact patches", joints), *_curved_rows(solids)]
     rows += dimension_rows(answer.report["dimensions"], answer.case.limits)
     return [shown, [*rows, Row("volume mesh", volume_words(answer))]]
+
+
+def _curved_rows(solids: PolyhedralAssembly) -> list[Row]:
+    """How wide the contact of curved faces is taken: it grows with the tolerance."""
+    patches = solids.interfaces.patches
+    curved = np.flatnonzero(patches.curved)
+    if not curved.size:
+        return []
+    widths = patches.widths[curved]
+    k, least, most = int(curved[widths.argmin()]), float(widths.min()), float(widths.max())
+    words = (
+        f"{least:.3g} mm wide between blocks {solids.named(patches.block_m[k])} and "
+        f"{solids.named(patches.block_s[k])}, up to {most:.3g} mm: where gaps are within the "
+        "contact tolerance"
+    )
+    return [Row("contact of curved faces", words, least, "mm")]
 
 
 def volume_words(answer: Answer) -> str:
