@@ -17,6 +17,7 @@ What most need::
 | `CoulombFriction` | friction of all joints |
 | `Frames`, `ElementType` | how fixed blocks are modelled; hexahedra of degree 1 |
 | `Static`, `Explicit` | the methods: how accurate, in how many steps, how damped |
+| `RayleighDamping`, `BulkViscosity` | damping and bulk viscosity of explicit runs |
 | `solve_static` | the static state by Newton's method |
 | `Static` | mesh, accuracy, load steps and symmetry of a static state |
 | `solve_explicit` | explicit dynamics, to the static state or in time |
