@@ -144,7 +144,7 @@ def test_friction_agrees_with_the_plain_law():
     5 µm the slips differ by 1e-8 mm of 3e-5 mm: 3e-4, and the forces as much.
     """
     deformable = tube(clearance=-0.002)
-    friction = CoulombFriction(0.2)
+    friction = CoulombFriction(0.2, 50.0)
     before = random_displacements(deformable, 2e-3)
     after = tuple(
         a + b for a, b in zip(before, random_displacements(deformable, 3e-5, seed=1), strict=True)

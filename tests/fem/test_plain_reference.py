@@ -11,7 +11,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fem import ElementType, Problem, Static, concrete, solve_static
+from fem import CoulombFriction, ElementType, Problem, Static, concrete, solve_static
 from geometry import HeldFace, LoadCase, PressureLoad, SineBlock, box_column, pipe, tube
 from geometry.families.boxes import ColumnBox
 from tests.support.plain_statics import (
@@ -40,7 +40,7 @@ def _tube(degree: int, friction: float | None, layers: int = 1) -> Problem:
         concrete,
         element=ElementType.FULL,
         degree=degree,
-        friction=friction,
+        friction=friction and CoulombFriction(friction, 50.0),
     )
 
 
@@ -88,7 +88,13 @@ def test_supports_that_move(friction: float | None) -> None:
         np.array([True, False]),
         (held,),
     )
-    problem = Problem(blocks, load, concrete, element=ElementType.FULL, friction=friction)
+    problem = Problem(
+        blocks,
+        load,
+        concrete,
+        element=ElementType.FULL,
+        friction=friction and CoulombFriction(friction, 50.0),
+    )
     steps = 8
     times = np.linspace(0.0, 2.0, steps + 1)
     path = [(1.0, float(np.interp(t, *np.transpose(there)))) for t in times]
