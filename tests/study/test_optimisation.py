@@ -138,6 +138,7 @@ def test_a_search_of_all_designs_finds_the_best_and_goes_on(tmp_path: Path) -> N
     assert len(second.rows) == 6
     assert {r["cpu_seconds"] for r in second.rows} == {r["cpu_seconds"] for r in first.rows}
     assert "6 designs computed, 6 within the limits, 0 failed" in repr(second)
+    assert "best of those judged: " in repr(second)
     ends = {path: best[path] for path, v in VARIABLES.items() if best[path] in (v[0], v[-1])}
     assert all(f"{path} = {value:g}" in repr(second) for path, value in ends.items())
     worst = max(rows, key=lambda row: row["p_max"])

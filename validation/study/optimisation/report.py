@@ -116,7 +116,7 @@ class SearchResult:
 
     @property
     def verdict(self) -> str:
-        """Which judged design is best, and whether its error bar tells it from the next."""
+        """Which design is best of those judged, and whether error bars tell it from the next."""
         stated = self.search.stated
         name = stated.measures[0]
         answered = [row for row in self.judged if row.get(name) is not None]
@@ -124,7 +124,7 @@ class SearchResult:
             return f"none of the judged designs has {name}"
         best = answered[0]
         at = ", ".join(f"{path} = {cell(path)(best)}" for path, _ in stated.variables)
-        words = f"best: {at}; {name} {cell(name)(best)}"
+        words = f"best of those judged: {at}; {name} {cell(name)(best)}"
         close = [row for row in answered[1:] if overlap(best, row, name)]
         if close:
             words += f"; error bars do not tell it from {len(close)} of the others"
