@@ -192,9 +192,14 @@ class Resultants(ReadOnlyArrays):
     """M about the centroid, (n, 3) [N mm]."""
 
     @property
+    def along_normal(self) -> FloatArray:
+        """F · n; (n,) [N]."""
+        return np.einsum("ji,ji->j", self.forces, self.normals)
+
+    @property
     def normal_force(self) -> FloatArray:
         """N = F · n; (n,) [N]."""
-        return np.einsum("ji,ji->j", self.forces, self.normals)
+        return self.along_normal
 
     @property
     def shear_force(self) -> FloatArray:
@@ -215,8 +220,8 @@ class Resultants(ReadOnlyArrays):
 
     @property
     def eccentricity(self) -> FloatArray:
-        """e, from the centroid to where N acts; zero where there is no N; (n, 3) [mm]."""
-        normal = self.normal_force
+        """e, from the centroid to where F · n acts; zero where there is none; (n, 3) [mm]."""
+        normal = self.along_normal
         acts = np.abs(normal) > _NO_PLACE * np.abs(self.forces).max(initial=0.0)
         arm = np.cross(self.normals, self.moments) / np.where(acts, normal, 1.0)[:, None]
         return np.where(acts[:, None], arm, 0.0)
@@ -231,13 +236,18 @@ class Resultants(ReadOnlyArrays):
 class JointResultants(Resultants):
     """One row for each pair of blocks that touch; forces act on block s.
 
-    N is positive where the blocks press on each other.
+    Faces of a joint need not share a normal: N and T are summed over its faces, each with its own.
+    Without friction T is zero, and N is never negative. `normals` are mean ones.
     """
 
     block_m: IntArray
     """Master block, (n_joints,)."""
     block_s: IntArray
     """Opposing block, (n_joints,)."""
+    pressing: FloatArray
+    """Sum of the forces along the normals of the faces, (n_joints,) [N]."""
+    along_faces: FloatArray
+    """Resultant of the forces in the faces, (n_joints, 3) [N]."""
     couples: FloatArray | None = None
     """Moment on both blocks alike, of friction that acts on both sides of a gap, (n_joints, 3)
     [N mm]; None: no such moment."""
@@ -250,6 +260,16 @@ class JointResultants(Resultants):
     m, (n_joints,) [mm]."""
 
     @property
+    def normal_force(self) -> FloatArray:
+        """N, positive where the blocks press on each other, (n_joints,) [N]."""
+        return self.pressing
+
+    @property
+    def shear_force(self) -> FloatArray:
+        """T, size of the resultant of the forces in the faces, (n_joints,) [N]."""
+        return np.linalg.norm(self.along_faces, axis=1)
+
+    @property
     def motion(self) -> dict[str, FloatArray]:
         """Gaps and slip by name, (n_joints,) each [mm]; nothing for rigid blocks."""
         names = ("smallest_gap", "largest_gap", "largest_slip")
@@ -259,8 +279,10 @@ class JointResultants(Resultants):
         """Return the resultants of each joint as plain data, the same keys for all blocks.
 
         ``force`` and ``moment`` act on the second of ``blocks``, the moment about ``centroid``,
-        that of the contact area; ``normal`` points from the first to the second. ``normal_force``
-        is positive where blocks press and acts at ``point``, ``eccentricity`` from the centroid.
+        that of the contact area; ``normal`` points from the first to the second, a mean where
+        faces have several. ``normal_force`` and ``shear_force`` are summed over the faces, the
+        first is positive where blocks press. The line of ``force`` meets the plane of ``normal`` at
+        ``point``, ``eccentricity`` from the centroid.
         Lengths in mm, forces in N, moments in N mm, world axes. Forces include friction.
         Deformable blocks have ``smallest_gap``, ``largest_gap`` and ``largest_slip`` as well.
         """
@@ -347,7 +369,10 @@ def summed_by_joint(
     area = total(areas)
     middle = total(areas[:, None] * points) / area[:, None] if centroids is None else centroids
     normal = total(areas[:, None] * normals)
-    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+    size = np.linalg.norm(normal, axis=1, keepdims=True)
+    # Faces all around a block have no mean normal.
+    normal = np.divide(normal, size, out=np.zeros_like(normal), where=size > 1e-9 * area[:, None])
+    along = np.einsum("pi,pi->p", forces, normals)
     moment = total(np.cross(points - middle[joint], forces))
     return JointResultants(
         block_m=pairs[:, 0],
@@ -357,6 +382,8 @@ def summed_by_joint(
         normals=normal,
         forces=total(forces),
         moments=moment,
+        pressing=total(along),
+        along_faces=total(forces - along[:, None] * normals),
     )
 
 

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from geometry.families.masonry import CircularArch
+from geometry.loads import LoadCase
 from geometry.parts.measures import (
     JointResultants,
     chain,
@@ -16,12 +17,15 @@ from geometry.parts.measures import (
     planes,
     sections_through_joints,
 )
-from mbd import contact_jacobian
+from geometry.polyhedra.assembly import PolyhedralAssembly, polyhedral_assembly
+from geometry.polyhedra.polyhedron import convex_polyhedron, polyhedron
+from mbd import analyse, contact_jacobian
 from mbd.friction import frictional_contacts, frictional_equilibrium
 from tests.support.answers import on_its_mesh
 from tests.support.arch import ARCH, arch_run
 from tests.support.commands import command
 from tests.support.own_blocks import column
+from tests.support.rubbing import KINDS, drawn
 from validation import load_case, solve
 
 pytestmark = pytest.mark.quick
@@ -109,6 +113,8 @@ def joints_between(*pairs: tuple[int, int]) -> JointResultants:
         normals=upward,
         forces=zero,
         moments=zero,
+        pressing=np.zeros(n),
+        along_faces=zero,
     )
 
 
@@ -199,3 +205,39 @@ def test_a_section_takes_moments_about_the_centre_of_its_joints_areas() -> None:
     assert found.centroids[0] == pytest.approx([6.0, 0.0, 0.0])
     assert found.forces[0] == pytest.approx([0.0, 0.0, -4.0])  # on the part behind the plane
     assert found.moments[0] == pytest.approx([0.0, -8.0, 0.0])
+
+
+def dovetail() -> PolyhedralAssembly:
+    """A tail in a fixed socket, 80 mm deep, with flanks of 10 to 25 that hold it from above."""
+    socket = [(-60, 0), (60, 0), (60, 60), (15, 60), (25, 35), (-25, 35), (-15, 60), (-60, 60)]
+    ears = [(0, 1, 4), (1, 2, 4), (2, 3, 4), (0, 4, 5), (0, 5, 7), (5, 6, 7)]
+    points = np.array([(x, y, z) for y in (0.0, 80.0) for x, z in socket], dtype=np.float64)
+    ends = [*ears, *((c + 8, b + 8, a + 8) for a, b, c in ears)]
+    sides = [(i, i + 8, (i + 1) % 8 + 8) for i in range(8)]
+    sides += [(i, (i + 1) % 8 + 8, (i + 1) % 8) for i in range(8)]
+    tail = np.array([(x, y, z) for y in (0.0, 80.0) for x, z in socket[3:7]], dtype=np.float64)
+    blocks = (
+        polyhedron("socket", points, np.array([*ends, *sides])),
+        convex_polyhedron("tail", tail),
+    )
+    placed = [(block, np.eye(3), np.zeros(3)) for block in blocks]
+    return polyhedral_assembly("dovetail", placed, np.array([True, False]))
+
+
+def test_a_dovetail_that_hangs_presses_on_both_of_its_flanks() -> None:
+    """A lift of W: each flank carries W / 2 over the sine of its slope, 10 / √(10² + 25²)."""
+    assembly = dovetail()
+    lift = np.zeros((2, 6))
+    lift[1, 2] = 10.0
+    answer = analyse(assembly, load=LoadCase(assembly, "", (), assembly.fixed, body_wrenches=lift))
+    assert answer["least_joint_force"].value == pytest.approx(10.0 * np.hypot(10, 25) / 10)
+    assert answer.details.joints.shear_force[0] < 1e-12
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_without_friction_joints_have_neither_shear_nor_tension(kind: str) -> None:
+    """Whatever their shape; what is left is the rounding of unit normals."""
+    result = analyse(drawn(kind, np.random.default_rng(1))).details
+    joints = result.joints
+    assert (joints.normal_force >= 0.0).all()
+    assert (joints.shear_force <= 1e-14 * result.n_contacts * (1.0 + joints.normal_force)).all()
