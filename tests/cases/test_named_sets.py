@@ -140,5 +140,5 @@ def test_a_block_that_nothing_holds_or_touches_is_still_rejected(tmp_path: Path)
     kept = [line for line in text.splitlines() if "plane" not in line]
     path.write_text("\n".join(away if "places" in line else line for line in kept), "utf-8")
     file = load_case(str(path))
-    with pytest.raises(RefusedError, match="block 2 touches no other block"):
+    with pytest.raises(RefusedError, match=r"block 2 \(column\) touches no other block"):
         on_its_mesh(file, method="static")

@@ -126,6 +126,7 @@ class _WithContacts:
 
     def __init__(self, assembly: PolyhedralAssembly, interfaces: object) -> None:
         self._assembly, self.interfaces = assembly, interfaces
+        self.kept: dict[object, object] = {}  # nothing that was computed of the other contacts
 
     def __getattr__(self, name: str) -> object:
         return getattr(self._assembly, name)
