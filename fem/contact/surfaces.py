@@ -168,11 +168,6 @@ class ContactPoints(ReadOnlyArrays):
         forces = point_forces.reshape(rows.shape[:2])
         return self._summed(-np.einsum("fp,fpai->fai", forces, rows))
 
-    def scatter_nodes(self, forces: FloatArray) -> FloatArray:
-        """Sum of forces on the nodes, world axes, (n, nodes of both, 3) [N], (n_rows, 3) [N]."""
-        split = forces.reshape(-1, 2, forces.shape[1] // 2, 3)
-        return self._summed(np.einsum("fbij,fbai->fbaj", self.axes, split).reshape(forces.shape))
-
     def _summed(self, forces: FloatArray) -> FloatArray:
         """Sum of forces on the nodes in the frames, (n_rows, 3) [N]."""
         where, result = self.rows.ravel(), np.empty((self.n_rows, 3))
