@@ -6,7 +6,7 @@ pressure-overclosure relationships" and "Distributed loads" (surface tractions).
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from importlib.metadata import PackageNotFoundError, version
 
 import numpy as np
@@ -61,7 +61,7 @@ def abaqus_lines(deck: Deck) -> Iterator[str]:
         yield from _general_contact(deck, patches)
     yield from supports.still_lines()
     if deck.flavour is Flavour.STANDARD and patches is not None:
-        yield from _contact_pairs(deck, patches)
+        yield from pair_lines(deck, patches)
     for number in range(len(deck.stages)):
         yield from _step(deck, supports, number)
 
@@ -219,7 +219,9 @@ def _model(deck: Deck, supports: DeckSupports) -> Iterator[str]:
         yield "1.0, 1.0, 1.0"
     yield from material_lines(deck)
     if deck.meets:
-        yield from _interaction(deck)
+        law, explicit = deck.problem.contact_law, deck.in_time is not None
+        every = (law_lines(one, explicit=explicit) for one in law.members)
+        yield from interaction_lines(deck, every)
     if deck.ramp_time:
         yield keyword("Amplitude", name=LOADING, definition="SMOOTH STEP")
         yield reals([0.0, 0.0, deck.ramp_time, 1.0])
@@ -241,10 +243,10 @@ def _general_contact(deck: Deck, patches: Patches | None) -> Iterator[str]:
     if patches is not None:
         yield keyword("Contact Clearance Assignment")
         for pair in patches.pairs:
-            yield f"{', '.join(pair_sides(deck, pair))}, {GAP}"
+            yield f"{', '.join(_pair_sides(deck, pair))}, {GAP}"
 
 
-def pair_sides(deck: Deck, pair: PatchPair) -> tuple[str, str]:
+def _pair_sides(deck: Deck, pair: PatchPair) -> tuple[str, str]:
     """Surfaces of a pair: slave, then master."""
     return (
         deck.of_block(pair.block_s, pair.patch_s),
@@ -267,13 +269,17 @@ def material_lines(deck: Deck) -> Iterator[str]:
             yield keyword("Damping", **damping)
 
 
-def _interaction(deck: Deck) -> Iterator[str]:
-    law = deck.problem.contact_law
+def interaction_lines(deck: Deck, laws: Iterable[Iterable[str]]) -> Iterator[str]:
+    """Surface interactions, with the lines of each law."""
+    law_of = list(map(tuple, laws))
     for (place, friction), name in deck.interactions.items():
         yield keyword("Surface Interaction", name=name)
-        yield from law_lines(law.members[place], explicit=deck.in_time is not None)
+        yield from law_of[place]
         if friction is None:
             yield "** frictionless"
+        elif deck.is_flat:
+            yield keyword("Friction")
+            yield reals([friction, deck.stick])
         else:
             yield keyword("Friction", shear_traction_slope=real(deck.stick))
             yield f"{real(friction)},"
@@ -342,20 +348,20 @@ def _explicit(deck: Deck, run: Explicit) -> Iterator[str]:
         yield reals([viscosity.linear_bulk_viscosity, viscosity.quadratic_bulk_viscosity])
 
 
-def _contact_pairs(deck: Deck, patches: Patches) -> Iterator[str]:
-    """Contact pairs: slave, then master."""
+def pair_lines(deck: Deck, patches: Patches) -> Iterator[str]:
+    """Contact pairs: slave, then master; a clearance is in the law of CalculiX."""
     for pair in patches.pairs:
-        yield pair_keyword(deck, pair)
-        yield ", ".join(pair_sides(deck, pair))
-    if deck.problem.clearance == 0.0:
+        yield _pair_keyword(deck, pair)
+        yield ", ".join(_pair_sides(deck, pair))
+    if deck.problem.clearance == 0.0 or deck.is_flat:
         return
     yield "** Gaps along the normals, whatever the coordinates say."
     for pair in patches.pairs:
-        slave, master = pair_sides(deck, pair)
+        slave, master = _pair_sides(deck, pair)
         yield f"*Clearance, master={master}, slave={slave}, value={real(deck.problem.clearance)}"
 
 
-def pair_keyword(deck: Deck, pair: PatchPair) -> str:
+def _pair_keyword(deck: Deck, pair: PatchPair) -> str:
     """Keyword line of a contact pair."""
     name = deck.interaction(pair.block_m, pair.block_s)
     if deck.on_faces or (deck.searched and deck.flavour is Flavour.STANDARD):

@@ -16,9 +16,9 @@ import numpy as np
 from fem.contact.law import ContactLaw
 from fem.decks.abaqus import (
     heading_lines,
+    interaction_lines,
     material_lines,
-    pair_keyword,
-    pair_sides,
+    pair_lines,
     static_lines,
     surface_lines,
 )
@@ -38,7 +38,7 @@ from fem.decks.loads import nodal_lines, on_faces, step_load_lines
 from fem.decks.supports import DeckSupports, node_lines_of, spring_lines
 from fem.element.hexahedron import ElementType
 from fem.system.forces import SmoothStepAmplitude
-from geometry.mesh import BoolArray
+from geometry.mesh import IntArray
 
 #: Samples of the smooth step; linear between them it is off by less than 1e-4 of the load.
 _AMPLITUDE_POINTS = 101
@@ -60,7 +60,9 @@ def calculix_lines(deck: Deck) -> Iterator[str]:
     yield "** Material"
     yield from _material(deck)
     if patches is not None:
-        yield from _contact(deck, patches)
+        laws = (_law(deck, law) for law in deck.problem.contact_law.members)
+        yield from interaction_lines(deck, laws)
+        yield from pair_lines(deck, patches)
     yield from _model_data(deck, supports)
     for number in range(len(deck.stages)):
         yield from _step(deck, supports, number)
@@ -126,21 +128,6 @@ def _material(deck: Deck) -> Iterator[str]:
         yield keyword("Elset", elset=f"{name}-ELEMENTS")
         yield from entry_lines(deck.labels[block] for block in np.flatnonzero(mine).tolist())
         yield keyword("Solid Section", elset=f"{name}-ELEMENTS", material=name)
-
-
-def _contact(deck: Deck, patches: Patches) -> Iterator[str]:
-    law = deck.problem.contact_law
-    for (place, friction), name in deck.interactions.items():
-        yield keyword("Surface Interaction", name=name)
-        yield from _law(deck, law.members[place])
-        if friction is None:
-            yield "** frictionless"
-        else:
-            yield keyword("Friction")
-            yield reals([friction, deck.stick])
-    for pair in patches.pairs:
-        yield pair_keyword(deck, pair)
-        yield ", ".join(pair_sides(deck, pair))
 
 
 def _law(deck: Deck, law: ContactLaw) -> Iterator[str]:
@@ -235,17 +222,17 @@ def _mesh(deck: Deck) -> Iterator[str]:
     yield keyword("Elset", elset=EVERY_ELEMENT, generate=None)
     yield f"1, {deck.first_element[-1]}, 1"
     for layer in np.unique(assembly.layer).tolist():
-        yield from _block_set(deck, f"LAYER-{layer:02d}", assembly.layer == layer)
+        yield from _block_set(deck, f"LAYER-{layer:02d}", np.flatnonzero(assembly.layer == layer))
     for name, blocks in deck.sets.items():
-        yield from _block_set(deck, name, np.isin(np.arange(assembly.n_blocks), blocks))
+        yield from _block_set(deck, name, blocks)
 
 
-def _block_set(deck: Deck, name: str, chosen: BoolArray) -> Iterator[str]:
+def _block_set(deck: Deck, name: str, chosen: IntArray) -> Iterator[str]:
     """Elements of some blocks: a range where the blocks follow each other, else a set of sets.
 
     Ranges are what every reader understands.
     """
-    blocks = np.flatnonzero(chosen).tolist()
+    blocks = chosen.tolist()
     if blocks == list(range(blocks[0], blocks[-1] + 1)):
         yield keyword("Elset", elset=name, generate=None)
         yield f"{deck.first_element[blocks[0]] + 1}, {deck.first_element[blocks[-1] + 1]}, 1"

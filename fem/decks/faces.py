@@ -8,6 +8,7 @@ S6 of Abaqus' C3D8.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import accumulate, chain
 
 import numpy as np
 
@@ -15,7 +16,6 @@ from fem.contact.search import FacingPoints
 from fem.decks.deck import Deck
 from fem.decks.keywords import DeckError, label
 from fem.system.state import block_surface
-from geometry.assembly import Assembly
 from geometry.block import Block
 from geometry.mesh import HEX_FACES, IntArray
 
@@ -107,23 +107,36 @@ def contact_patches(deck: Deck) -> Patches:
     """
     if deck.searched:
         return Patches(tuple(() for _ in deck.assembly.shapes), tuple(facing_faces(deck)))
-    assembly = deck.assembly
-    result = assembly.interfaces
-    offsets = [_face_offsets(shape) for shape in assembly.shapes]
-    face_m = _face_numbers(assembly, offsets, result.block_m, result.facet_m)
-    face_s = _face_numbers(assembly, offsets, result.block_s, result.facet_s)
+    assembly, result = deck.assembly, deck.assembly.interfaces
+    sizes = [[len(shape.faces[name]) for name in shape.contact_faces] for shape in assembly.shapes]
+    # Face and position in it of each contact facet, the facets of all shapes one after the other.
+    of = np.repeat([k for shape in sizes for k in range(len(shape))], [*chain(*sizes)]).astype(int)
+    place = np.array([k for shape in sizes for size in shape for k in range(size)], dtype=np.int64)
+    start = np.array([0, *accumulate(map(sum, sizes))])[assembly.shape_of]
+    at_m = start[result.block_m] + result.facet_m
+    at_s = start[result.block_s] + result.facet_s
     held = ~deck.problem.deforming
-    key = np.column_stack([result.block_m, result.block_s, face_m, face_s])
+    key = np.column_stack([result.block_m, result.block_s, of[at_m], of[at_s]])
     keep = np.flatnonzero(~(held[result.block_m] & held[result.block_s]))
     groups, which = np.unique(key[keep], axis=0, return_inverse=True)
-    register = _PatchRegister(assembly, offsets)
+    known: list[dict[tuple[str, bytes], Patch]] = [{} for _ in assembly.shapes]
+
+    def named(block: int, face: int, positions: IntArray) -> str:
+        """Label of a patch: the same facets of the same shape get the same label."""
+        number = int(assembly.shape_of[block])
+        name = assembly.shapes[number].contact_faces[face]
+        if len(positions) == sizes[number][face]:
+            return label(name)
+        count = 1 + sum(patch.face == name for patch in known[number].values())
+        patch = Patch(f"{label(name)}-PATCH-{count}", name, positions)
+        return known[number].setdefault((name, positions.tobytes()), patch).label
+
     pairs = []
     for number, (m, s, f_m, f_s) in enumerate(groups.tolist()):
         mine = keep[which.ravel() == number]
-        patch_m = register.label(m, f_m, result.facet_m[mine])
-        patch_s = register.label(s, f_s, result.facet_s[mine])
-        pairs.append(PatchPair(m, patch_m, s, patch_s))
-    return Patches(register.of_shape(), tuple(pairs))
+        patch_m = named(m, f_m, np.sort(place[at_m[mine]]))
+        pairs.append(PatchPair(m, patch_m, s, named(s, f_s, np.sort(place[at_s[mine]]))))
+    return Patches(tuple(tuple(patches.values()) for patches in known), tuple(pairs))
 
 
 def facing_faces(deck: Deck) -> list[PatchPair]:
@@ -146,48 +159,6 @@ def facing_faces(deck: Deck) -> list[PatchPair]:
         PatchPair(block_of[m], face_of[m], block_of[s], face_of[s]) for m, s in facing
     )
     return [pair for pair in pairs if deforms[pair.block_m] or deforms[pair.block_s]]
-
-
-def _face_offsets(shape: Block) -> IntArray:
-    """First position of each contact face in `Block.contact_quads`, and the total."""
-    sizes = [len(shape.faces[name]) for name in shape.contact_faces]
-    return np.concatenate([[0], np.cumsum(sizes)]).astype(np.int64)
-
-
-def _face_numbers(
-    assembly: Assembly, offsets: list[IntArray], blocks: IntArray, facets: IntArray
-) -> IntArray:
-    number = np.empty(len(blocks), dtype=np.int64)
-    for shape, start in enumerate(offsets):
-        mine = assembly.shape_of[blocks] == shape
-        number[mine] = np.searchsorted(start, facets[mine], side="right") - 1
-    return number
-
-
-class _PatchRegister:
-    """Labels of patches: the same facets of the same shape get the same label."""
-
-    def __init__(self, assembly: Assembly, offsets: list[IntArray]) -> None:
-        self._assembly = assembly
-        self._offsets = offsets
-        self._known: list[dict[tuple[str, bytes], Patch]] = [{} for _ in offsets]
-
-    def label(self, block: int, face: int, facets: IntArray) -> str:
-        number = int(self._assembly.shape_of[block])
-        shape, start = self._assembly.shapes[number], self._offsets[number]
-        name = shape.contact_faces[face]
-        positions = np.sort(facets - start[face])
-        if len(positions) == start[face + 1] - start[face]:
-            return label(name)
-        known = self._known[number]
-        key = (name, positions.tobytes())
-        if key not in known:
-            count = 1 + sum(patch.face == name for patch in known.values())
-            known[key] = Patch(f"{label(name)}-PATCH-{count}", name, positions)
-        return known[key].label
-
-    def of_shape(self) -> tuple[tuple[Patch, ...], ...]:
-        return tuple(tuple(known.values()) for known in self._known)
 
 
 def half_facet_angle(shape: Block, face: str) -> float:
