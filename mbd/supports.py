@@ -13,7 +13,7 @@ from geometry.assembly import AnyBlocks
 from geometry.errors import RefusedError
 from geometry.loads import LoadCase
 from geometry.mesh import FloatArray, IntArray
-from geometry.parts.balance import Reactions, of_supports
+from geometry.parts.balance import Reactions, of_supports, outward_thrust
 from geometry.parts.regions import region_points
 from geometry.parts.supports import HeldFace
 
@@ -127,6 +127,7 @@ def support_wrenches(
     length, result = assembly.characteristic_length, dict[str, FloatArray]()
     scale, total = np.repeat([1.0, 1.0 / length], 3), np.zeros_like(on_blocks)
     places: dict[str, list[FloatArray]] = {}
+    on_block: dict[str, list[FloatArray]] = {}
     for block in dict.fromkeys(support.block for support in load.held):
         mine = [support for support in load.held if support.block == block]
         rows = [_unit_wrenches(assembly, support, length) for support in mine]
@@ -136,6 +137,7 @@ def support_wrenches(
         for support, unit in zip(mine, rows, strict=True):
             wrench = unit.T @ forces[start : start + len(unit)] / scale
             total[block] += wrench
+            on_block.setdefault(support.title, []).append(wrench[:3].copy())
             wrench[3:] += np.cross(assembly.centroids[block], wrench[:3])
             result[support.title] = result.get(support.title, np.zeros(6)) + wrench
             places.setdefault(support.title, []).append(
@@ -143,4 +145,10 @@ def support_wrenches(
             )
             start += len(unit)
     middles = {name: np.concatenate(parts).mean(axis=0) for name, parts in places.items()}
-    return of_supports(result, middles), total
+    outward = {
+        name: outward_thrust(
+            np.array([part.mean(axis=0) for part in parts]), np.array(on_block[name])
+        )
+        for name, parts in places.items()
+    }
+    return of_supports(result, middles, outward), total

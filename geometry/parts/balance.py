@@ -16,7 +16,7 @@ import numpy as np
 from geometry.assembly import AnyBlocks
 from geometry.mesh import FloatArray, IntArray
 from geometry.parts.measures import JointResultants, Resultants
-from geometry.parts.rows import Row, number
+from geometry.parts.rows import Row, finite, number
 
 #: Direction that is vertical where thrusts are horizontal.
 _UP = np.array([0.0, 0.0, 1.0])
@@ -108,11 +108,15 @@ class Reactions(Resultants):
 
     names: tuple[str, ...]
     """Of the supports; numbers of fixed blocks, with their names."""
+    outward: FloatArray
+    """Sum of the horizontal parts with which the blocks push a support away from its middle, of
+    supports that close on themselves; nan of others; (n,) [N]."""
 
     @property
     def thrusts(self) -> FloatArray:
-        """Size of the horizontal part, across z, (n,) [N]."""
-        return np.linalg.norm(self.forces - np.outer(self.forces @ _UP, _UP), axis=1)
+        """Horizontal part, across z, of all together or outwards, the larger one, (n,) [N]."""
+        resultant = np.linalg.norm(self.forces - np.outer(self.forces @ _UP, _UP), axis=1)
+        return np.where(np.abs(self.outward) > resultant, self.outward, resultant)
 
     def as_json(self) -> dict[str, dict[str, Any]]:
         """Return plain data by name: force [N], moment about the origin [N mm], point, thrust."""
@@ -123,16 +127,37 @@ class Reactions(Resultants):
                 "moment": moments[k].tolist(),
                 "point": self.points[k].tolist(),
                 "horizontal": float(self.thrusts[k]),
+                "outward": finite(self.outward[k]),
             }
             for k, name in enumerate(self.names)
         }
 
 
-def of_supports(wrenches: Mapping[str, FloatArray], middles: Mapping[str, FloatArray]) -> Reactions:
+def outward_thrust(points: FloatArray, forces: FloatArray) -> float:
+    """Sum of the horizontal parts of thrusts at points that lead away from their middle [N].
+
+    ``forces`` (n, 3) are those on the blocks, opposite to the thrusts; nan where the points (n, 3)
+    do not surround their middle: then the thrust has one direction.
+    """
+    arms = (points - points.mean(axis=0))[:, :2]
+    size = np.linalg.norm(arms, axis=1)
+    away = size > 1e-6 * size.max(initial=0.0)
+    angles = np.sort(np.arctan2(*arms[away].T[::-1]))
+    gaps = np.diff(angles, append=angles[:1] + 2.0 * np.pi)
+    if not len(gaps) or gaps.max() > (1.0 - 1e-6) * np.pi:
+        return np.nan
+    return -float(np.sum(forces[away, :2] * arms[away] / size[away, None]))
+
+
+def of_supports(
+    wrenches: Mapping[str, FloatArray],
+    middles: Mapping[str, FloatArray],
+    outward: Mapping[str, float] | None = None,
+) -> Reactions:
     """Reactions of named supports.
 
-    From force and moment about the origin (6,) [N, N mm] of each, and the middle of its region
-    (3,) [mm].
+    From force and moment about the origin (6,) [N, N mm] of each, the middle of its region (3,)
+    [mm], and its outward thrust [N], if that is known.
     """
     rows = np.array([wrenches[name] for name in wrenches]).reshape(-1, 6)
     at = np.array([middles[name] for name in wrenches]).reshape(-1, 3)
@@ -144,6 +169,7 @@ def of_supports(wrenches: Mapping[str, FloatArray], middles: Mapping[str, FloatA
         normals=np.divide(rows[:, :3], size, out=np.zeros((len(rows), 3)), where=size > 0.0),
         forces=rows[:, :3],
         moments=rows[:, 3:] - np.cross(at, rows[:, :3]),
+        outward=np.array([(outward or {}).get(name, np.nan) for name in wrenches]),
     )
 
 
@@ -168,10 +194,11 @@ def of_fixed_blocks(assembly: AnyBlocks, joints: JointResultants, fixed: IntArra
         total = force.sum(axis=0), moment.sum(axis=0)
         if len(at) > 1 or not size:  # no plane: the nearest point to the middle
             size, normal = float(np.linalg.norm(total[0])) or 1.0, total[0]
-        rows.append((float(area.sum()), middle, normal / size, *total))
+        pushed = outward_thrust(joints.centroids[at], force)
+        rows.append((float(area.sum()), pushed, middle, normal / size, *total))
         names.append(f"block {assembly.named(block)}")
-    none = (np.zeros(0), *(np.zeros((0, 3)) for _ in range(4)))
-    area, *vectors = (np.array(v) for v in zip(*rows, strict=True)) if rows else none
+    none = (np.zeros(0), np.zeros(0), *(np.zeros((0, 3)) for _ in range(4)))
+    area, thrusts, *vectors = (np.array(v) for v in zip(*rows, strict=True)) if rows else none
     centroids, normals, forces, moments = vectors
     return Reactions(
         names=tuple(names),
@@ -180,6 +207,7 @@ def of_fixed_blocks(assembly: AnyBlocks, joints: JointResultants, fixed: IntArra
         normals=normals,
         forces=forces,
         moments=moments,
+        outward=thrusts,
     )
 
 
@@ -187,7 +215,7 @@ def together(one: Reactions, two: Reactions) -> Reactions:
     """Rows of both."""
     values = {
         name: np.concatenate([getattr(one, name), getattr(two, name)])
-        for name in ("areas", "centroids", "normals", "forces", "moments")
+        for name in ("areas", "centroids", "normals", "forces", "moments", "outward")
     }
     return replace(one, names=(*one.names, *two.names), **values)
 
@@ -209,7 +237,10 @@ def reaction_rows(reactions: Mapping[str, Mapping[str, Any]], most: int = 6) -> 
         one, words = reactions[name], ""
         if size[name] > 1e-9 * largest:
             words = f" at ({shown(one['point'], 1e-6)}) mm, horizontal thrust "
-            words += f"{shown([one['horizontal']], 1e-9 * largest)} N"
+            words += f"{shown([abs(one['horizontal'])], 1e-9 * largest)} N"
+            if one["outward"] == one["horizontal"]:
+                way = "outward" if one["outward"] > 0.0 else "inward"
+                words += f" {way}, summed around the support"
         words = f"{name}: ({shown(one['force'], 1e-9 * largest)}) N{words}"
         rows.append(Row("reactions", words, size[name], "N"))
     left = len(reactions) - len(rows)

@@ -8,6 +8,8 @@ import meshio
 import numpy as np
 import pytest
 
+from fem import Problem, concrete
+from geometry import Assembly
 from geometry.families.masonry import CircularArch
 from geometry.loads import LoadCase
 from geometry.parts.measures import (
@@ -24,6 +26,7 @@ from mbd.friction import frictional_contacts, frictional_equilibrium
 from tests.support.answers import on_its_mesh
 from tests.support.arch import ARCH, arch_run
 from tests.support.commands import command
+from tests.support.dome import voussoirs
 from tests.support.own_blocks import column
 from tests.support.rubbing import KINDS, drawn
 from validation import load_case, solve
@@ -241,3 +244,26 @@ def test_without_friction_joints_have_neither_shear_nor_tension(kind: str) -> No
     joints = result.joints
     assert (joints.normal_force >= 0.0).all()
     assert (joints.shear_force <= 1e-14 * result.n_contacts * (1.0 + joints.normal_force)).all()
+
+
+def test_a_support_that_closes_on_itself_has_the_thrust_of_its_parts() -> None:
+    """A dome on eight fixed blocks, and on one plate: what leads outwards on the plate is the sum
+    of the thrusts of the eight, though together they are none."""
+    blocks = voussoirs(120.0, 8, np.linspace(30.0, 90.0, 4))
+    plate = np.array([(x, y, z) for x in (-2e3, 2e3) for y in (-2e3, 2e3) for z in (-100, 0)])
+    dome = {name: block for name, block in blocks.items() if not name.startswith("base")}
+    thrusts = []
+    for base in (
+        {name: block for name, block in blocks.items() if name.startswith("base")},
+        {"base": convex_polyhedron("plate", plate.astype(np.float64))},
+    ):
+        both = dome | base
+        assembly = Assembly.from_blocks(both.values(), names=list(both), fixed=list(base))
+        problem = Problem(assembly, None, concrete, friction=0.7, gravity=(0.0, 0.0, -9810.0))
+        reactions = analyse(problem).as_dict()["reactions"].values()
+        thrusts.append([reaction["horizontal"] for reaction in reactions])
+        total = sum(np.array(reaction["force"]) for reaction in reactions)
+    assert len(thrusts[0]) == 8
+    assert thrusts[1] == pytest.approx([sum(thrusts[0])], rel=1e-6)
+    assert np.linalg.norm(total[:2]) < 1e-6 * thrusts[1][0]
+    assert thrusts[1][0] > 0.1 * total[2]
