@@ -528,11 +528,16 @@ class Problem:
 
     @cached_property
     def rigid_weight(self) -> FloatArray | None:
-        """Weight of each block about its mass centroid, (n_blocks, 6) [N, N mm]; None: absent."""
+        """Weight of each block about its mass centroid, (n_blocks, 6) [N, N mm]; None: absent.
+
+        Fixed blocks that do not deform are ground, which weighs nothing.
+        """
         if self.acceleration is None:
             return None
         weight = np.zeros((self.blocks.n_blocks, 6))
         weight[:, :3] = np.outer(self.densities * self.blocks.volumes, self.acceleration)
+        if self.frames is Frames.RIGID:
+            weight[self.load_case.fixed] = 0.0
         return weight
 
     @property

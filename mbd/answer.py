@@ -177,8 +177,14 @@ class _Found:
     @cached_property
     def reactions(self) -> dict[str, dict[str, Any]]:
         """Resultants of supports and fixed blocks by name."""
-        fixed = of_fixed_blocks(self.assembly, self.result.joints, np.flatnonzero(self.load.fixed))
-        return together(self.supports[0], fixed).as_json()
+        return self.held.as_json()
+
+    @cached_property
+    def held(self) -> Reactions:
+        """Supports, and fixed blocks less what their supports take."""
+        fixed, others = np.flatnonzero(self.load.fixed), self.load.wrenches + self.supports[1]
+        joints = of_fixed_blocks(self.assembly, self.result.joints, fixed, others)
+        return together(self.supports[0], joints)
 
     def _balance(self) -> dict[str, Any]:
         reactions = {"reactions": self.reactions} if self.reactions else {}
@@ -198,13 +204,10 @@ class _Found:
             free=free,
         )
 
-    @cached_property
+    @property
     def reaction(self) -> FloatArray:
-        """Force of held blocks and supports on the rest, against load and weight, (3,) [N]."""
-        result, index, held = self.assembly.interfaces, self.result.contact_index, self.load.fixed
-        sign = held[result.block_m[index]].astype(float) - held[result.block_s[index]].astype(float)
-        total = (sign[:, None] * self.result.forces).sum(axis=0)
-        return total + self.supports[0].forces.sum(axis=0) if self.load.held else total
+        """Force of fixed blocks and supports, against all loads and weight, (3,) [N]."""
+        return self.held.forces.sum(axis=0)
 
     def sections(self, cut: Planes) -> SectionForces:
         """Sum the forces of the joints between blocks on both sides of planes."""

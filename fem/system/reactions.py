@@ -51,6 +51,8 @@ def reactions(
     wrenches, middles = {}, {}
     for name, parts in acting.items():
         at, force = (np.concatenate(of) for of in zip(*parts, strict=True))
+        if not len(at):  # of nodes that another support holds
+            continue
         wrenches[name] = np.concatenate([force.sum(axis=0), np.cross(at, force).sum(axis=0)])
         middles[name] = at.mean(axis=0)
     return of_supports(wrenches, middles)

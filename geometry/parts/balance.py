@@ -18,6 +18,8 @@ from geometry.mesh import FloatArray, IntArray
 from geometry.parts.measures import JointResultants, Resultants
 from geometry.parts.rows import Row, finite, number
 
+#: Part of the forces on a block below which supports have taken all of them.
+_TAKEN = 1e-9
 #: Direction that is vertical where thrusts are horizontal.
 _UP = np.array([0.0, 0.0, 1.0])
 
@@ -139,6 +141,8 @@ def outward_thrust(points: FloatArray, forces: FloatArray) -> float:
     ``forces`` (n, 3) are those on the blocks, opposite to the thrusts; nan where the points (n, 3)
     do not surround their middle: then the thrust has one direction.
     """
+    if len(points) < 3:
+        return np.nan
     arms = (points - points.mean(axis=0))[:, :2]
     size = np.linalg.norm(arms, axis=1)
     away = size > 1e-6 * size.max(initial=0.0)
@@ -173,8 +177,25 @@ def of_supports(
     )
 
 
-def of_fixed_blocks(assembly: AnyBlocks, joints: JointResultants, fixed: IntArray) -> Reactions:
-    """Forces of fixed blocks (n,) on the others, those that touch none left out."""
+def of_fixed_blocks(
+    assembly: AnyBlocks,
+    joints: JointResultants,
+    fixed: IntArray,
+    others: FloatArray | None = None,
+) -> Reactions:
+    """What holds fixed blocks (n,), against their joints with the rest and all else that acts.
+
+    Parameters
+    ----------
+    assembly, joints
+        The blocks and their joints.
+    fixed
+        Numbers of the fixed blocks, (n,). Those that touch none and on which nothing else acts are
+        left out, and those that their supports hold.
+    others
+        Force and moment of loads and supports on each block about its mass centroid, (n_blocks, 6)
+        [N, N mm]; None: nothing acts.
+    """
     held = np.zeros(assembly.n_blocks, dtype=np.bool_)
     held[fixed] = True
     names, rows = [], []
@@ -182,17 +203,25 @@ def of_fixed_blocks(assembly: AnyBlocks, joints: JointResultants, fixed: IntArra
         ours = (joints.block_m == block) & ~held[joints.block_s]
         theirs = (joints.block_s == block) & ~held[joints.block_m]
         at = np.flatnonzero(ours | theirs)
-        if not len(at):
+        acting = np.zeros(6) if others is None else others[block]
+        if not (len(at) or acting.any()):
             continue
         sign = np.where(ours, 1.0, -1.0)[at, None]
         area, force = joints.areas[at], sign * joints.forces[at]
-        share = area / area.sum() if area.any() else np.full(len(at), 1.0 / len(at))
-        middle = share @ joints.centroids[at]
+        share = area / area.sum() if area.any() else np.full(len(at), 1.0 / max(len(at), 1))
+        middle = share @ joints.centroids[at] if len(at) else assembly.centroids[block]
         normal = share @ (sign * joints.normals[at])
         moment = sign * joints.moments[at] + np.cross(joints.centroids[at] - middle, force)
+        arm = assembly.centroids[block] - middle
+        total = (
+            force.sum(axis=0) - acting[:3],
+            moment.sum(axis=0) - acting[3:] - np.cross(arm, acting[:3]),
+        )
+        size = float(np.linalg.norm(force, axis=1).sum() + np.linalg.norm(acting[:3]))
+        if acting.any() and np.linalg.norm(total[0]) <= _TAKEN * size:
+            continue
         size = float(np.linalg.norm(normal))
-        total = force.sum(axis=0), moment.sum(axis=0)
-        if len(at) > 1 or not size:  # no plane: the nearest point to the middle
+        if len(at) != 1 or acting.any() or not size:  # no plane: the nearest point to the middle
             size, normal = float(np.linalg.norm(total[0])) or 1.0, total[0]
         pushed = outward_thrust(joints.centroids[at], force)
         rows.append((float(area.sum()), pushed, middle, normal / size, *total))

@@ -134,7 +134,7 @@ def left_by_hand(answer: Answer) -> np.ndarray:
 @pytest.mark.parametrize("seed", range(16))
 def test_random_rigid_assemblies_are_balanced_by_their_table_of_joints(seed: int) -> None:
     """Summed here from the table alone, by the residual of 1e-6 that an equilibrium may have. What
-    fixed blocks do together is minus all loads on free ones."""
+    holds fixed blocks is together minus all loads."""
     scene, settings = random_case(seed)
     answer = solve(load_case(scene, settings, method="rigid"))
     assert answer.report["carried"]
@@ -144,8 +144,7 @@ def test_random_rigid_assemblies_are_balanced_by_their_table_of_joints(seed: int
     assert imbalance(answer) <= 1e-6
     reactions = answer.report["reactions"].values()
     total = sum(np.array(of["force"]) for of in reactions)
-    load = answer.details.load
-    loads = load.wrenches[~load.fixed, :3].sum(axis=0)
+    loads = answer.details.load.wrenches[:, :3].sum(axis=0)
     assert np.linalg.norm(total + loads) <= 1e-6 * largest
 
 
@@ -274,3 +273,38 @@ def test_no_friction_is_friction_of_zero() -> None:
         n: m.as_json() for n, m in without.measures.items()
     }
     assert zero.report["work"]["done"] == without.report["work"]["done"]
+
+
+# ---------------------------------------------------------------------------------------------
+# Reactions
+
+BOX = {"size": [100.0, 100.0, 100.0], "divisions": [2, 2, 2]}
+#: Statements of two boxes, the lower one of which counts as fixed to rigid blocks.
+STATED: dict[str, dict[str, Any]] = {
+    "a support on the fixed block": {"supports": [{"blocks": [0], "face": "z-", "name": "foot"}]},
+    "a force on the fixed block": {
+        "loads": [
+            {"blocks": [1], "face": "z+", "force": [0, 0, -600.0]},
+            {"blocks": [0], "face": "z+", "force": [0, 0, -5.0]},
+        ],
+        "load": {"pressure": 0.0},
+    },
+    "weight": {"effects": {"gravity": [0.0, 0.0, -9810.0]}},
+}
+
+
+@pytest.mark.parametrize("stated", STATED)
+def test_reactions_on_a_block_that_counts_as_fixed_balance_all_loads(stated: str) -> None:
+    """Whether it is stated or weight, and whichever method: no load counts twice or not at all."""
+    scene = {"block": {"type": "boxes", "boxes": [BOX] * 2}, "load": {"pressure": 0.06}}
+    totals = []
+    for method, mesh in (("rigid", {}), ("static", {"fem.mesh": "scene"})):
+        case = load_case(scene | STATED[stated], mesh, method=method)
+        problem = case.problem
+        weight = problem.rigid_weight
+        loads = problem.load_case.wrenches[:, :3].sum(axis=0)
+        loads = loads + (0.0 if weight is None else weight[:, :3].sum(axis=0))
+        reactions = solve(case).report["reactions"].values()
+        totals.append(sum(np.array(reaction["force"]) for reaction in reactions))
+        assert totals[-1] == pytest.approx(-loads, abs=1e-6 * np.linalg.norm(loads))
+    assert totals[0] == pytest.approx(totals[1], abs=1e-6 * np.linalg.norm(totals[0]))

@@ -70,8 +70,8 @@ def test_a_roller_holds_from_both_sides_and_takes_the_whole_traction(stack, sens
     assert answer.report["carried"]
     force = np.array(answer.report["reactions"]["wall"]["force"])
     np.testing.assert_allclose(force, [-sense * Q * B * C, 0, 0], atol=1e-6 * Q * B * C)
-    # The roller takes no vertical force: the base carries the weight, and both sum up.
-    total = np.hypot(Q * B * C, 10.0)
+    # The roller takes no vertical force: the base carries both weights, and both sum up.
+    total = np.hypot(Q * B * C, 20.0)
     assert answer["total_reaction"].value == pytest.approx(total, rel=1e-6)
 
 

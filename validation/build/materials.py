@@ -182,10 +182,14 @@ def _words(end: int | str) -> str:
 def body_forces(
     scene: DeformableScene, assembly: AnyBlocks, acceleration: Vector | None
 ) -> FloatArray:
-    """Mass times an acceleration [mm/s²] of every block, (n_blocks, 6) [N, N mm]; None: zero."""
+    """Mass times an acceleration [mm/s²] of every block, (n_blocks, 6) [N, N mm]; None: zero.
+
+    Fixed blocks are ground, which weighs nothing.
+    """
     wrenches = np.zeros((assembly.n_blocks, 6))
     if acceleration is not None:
         wrenches[:, :3] = np.outer(densities(scene, assembly) * assembly.volumes, acceleration)
+        wrenches[assembly.fixed] = 0.0
     return wrenches
 
 

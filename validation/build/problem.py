@@ -21,7 +21,7 @@ from geometry.parts.block_selection import chosen_blocks
 from geometry.parts.measures import Planes, planes
 from validation.build.cell import build_cell
 from validation.build.materials import build_materials, friction_of_pairs, laws_of_pairs
-from validation.build.supports import held_at_faces, stated_load
+from validation.build.supports import held_at_faces, stands_on_a_face, stated_load
 from validation.errors import InputError, named
 from validation.scene.deformable import (
     FemSection,
@@ -189,6 +189,7 @@ def rigid_problem(
             build_materials(scene, blocks),
             clearance=scene.contact.clearance,
             spacing=scene.contact.spacing,
+            frames=Frames.DEFORMABLE if stands_on_a_face(scene) else Frames.RIGID,
             friction=build_friction(scene, blocks, sliding=False),
             finite_sliding=scene.effects.finite_sliding,
             finite_rotation=scene.effects.finite_rotation,

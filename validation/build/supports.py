@@ -127,11 +127,16 @@ def supported_blocks(scene: DeformableScene, assembly: AnyBlocks) -> IntArray:
 
 
 def held_at_faces(scene: DeformableScene) -> bool:
-    """Whether fixed blocks deform and are held at their outer faces; else they are rigid.
+    """Whether fixed blocks deform and are held at their outer faces; else they are rigid."""
+    return stands_on_a_face(scene) or scene.effects.elastic_frame
 
-    A column of boxes stands on its bottom face: no block of it is rigid.
+
+def stands_on_a_face(scene: DeformableScene) -> bool:
+    """Whether blocks stand on the bottom face of the first one, as boxes do: none is ground.
+
+    To rigid blocks the first one counts as fixed, and what acts on it as what its support takes.
     """
-    return (isinstance(scene, AssemblyScene) and scene.stands) or scene.effects.elastic_frame
+    return isinstance(scene, AssemblyScene) and scene.stands
 
 
 def _refuse_fixed(scene: DeformableScene, assembly: AnyBlocks) -> None:
