@@ -24,7 +24,7 @@ from geometry.parts.measures import (
     joint_resultants,
 )
 from geometry.parts.pairs import OfPairs
-from geometry.parts.rows import Part
+from geometry.parts.rows import Notes, Part, Row
 from geometry.polyhedra.bare_contacts import CROSSING_EDGES, STANDING_CORNER
 from mbd.contact_jacobian import Contacts, contact_jacobian
 from mbd.equilibrium import Equilibrium, column_weights, equilibrium
@@ -304,7 +304,8 @@ def _result(stated: RigidStatement, method: Rigid, tell: Callable[[str], None]) 
             "alone; expected blocks that meet, or solve_static for single bodies"
         )
     coulomb = _rubbing(stated.coulomb)
-    stated = Stated(whole, live_case, weight, coulomb, stated.interference)
+    interference = stated.interference
+    stated = Stated(whole, live_case, weight, coulomb)
     faces = whole
     if not isinstance(whole, Assembly):
         faces = cast("PolyhedralAssembly", whole).bearing()
@@ -324,6 +325,11 @@ def _result(stated: RigidStatement, method: Rigid, tell: Callable[[str], None]) 
         parts["edges_and_corners"] = _edges(stated, result, method)
         index = np.flatnonzero(cast("PolyhedralAssembly", whole).interfaces.bears)
         result = replace(result, blocks=whole, contact_index=index[result.contact_index])
+    if interference:
+        words = (
+            f"{interference:g} mm: not counted by rigid blocks; `tubelock fem` computes its forces"
+        )
+        parts["interference"] = Notes([Row("interference fit", words)])
     moving = result.moving
     if moving is not None:
         from mbd.motion import motion_of_blocks, placed_motion
@@ -367,7 +373,6 @@ def _judged(
             method=method,
             friction=None if coulomb is None else coulomb.coefficient,
             of_pairs=() if coulomb is None else coulomb.of_pairs,
-            interference=stated.interference,
             smooth=result.equilibrium,
             frictionless=str(result.mechanism),
             tell=tell,

@@ -55,8 +55,6 @@ class Friction:
     (n_contacts, 3) [N]."""
     squeeze: Squeeze | None
     """Whether friction that carries the load is pressed by it."""
-    interference: float
-    """By which joints are stated to be squeezed [mm]; 0: they are not."""
     frictionless: str
     """Class without friction, in words."""
     named: Callable[[int], str] = field(repr=False)
@@ -81,11 +79,6 @@ class Friction:
         else:
             words = "not carried" if self.equilibrium.mechanism is not None else "not decided"
         words += f"{',' if ':' in words else ''} with friction {given}"
-        if self.needs_squeeze and self.interference:
-            words += (
-                f". The interference fit of {self.interference:g} mm presses them; `tubelock fem` "
-                "computes the forces of deformable blocks"
-            )
         return f"{words} (without: {self.frictionless})" if self.holds else words
 
     @property
@@ -139,8 +132,6 @@ class Question:
     """Coefficient of all joints [-]; None: frictionless."""
     of_pairs: OfPairs
     """That of some pairs of blocks."""
-    interference: float
-    """By which joints are stated to be squeezed [mm]."""
     smooth: Equilibrium
     """Without friction. Forces that balance the load are admissible whatever the friction: no joint
     needs a squeeze beforehand."""
@@ -249,7 +240,6 @@ class Question:
             equilibrium=balance,
             forces=forces,
             squeeze=pressed,
-            interference=self.interference,
             frictionless=self.frictionless,
             named=self.blocks.named,
         )
