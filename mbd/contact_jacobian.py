@@ -22,7 +22,15 @@ import scipy.sparse.csgraph
 
 from geometry.assembly import AnyBlocks
 from geometry.interface import Interfaces
-from geometry.mesh import BoolArray, FloatArray, IntArray, cross_matrix, run_starts
+from geometry.mesh import (
+    BoolArray,
+    FloatArray,
+    IntArray,
+    ReadOnlyArrays,
+    cross_matrix,
+    read_only,
+    run_starts,
+)
 from geometry.parts.supports import HeldFace
 from mbd.supports import admissible, free_motions
 
@@ -50,7 +58,7 @@ def _upper_products(wrenches: FloatArray) -> FloatArray:
 
 
 @dataclass(frozen=True)
-class SeparateWrenches:
+class SeparateWrenches(ReadOnlyArrays):
     """Contacts that have nothing in common."""
 
     wrenches: FloatArray
@@ -96,7 +104,7 @@ class SeparateWrenches:
 
 
 @dataclass(frozen=True)
-class PairKind:
+class PairKind(ReadOnlyArrays):
     """Pairs with the same contacts."""
 
     wrenches: FloatArray
@@ -113,7 +121,7 @@ class PairKind:
 
 
 @dataclass(frozen=True)
-class CongruentWrenches:
+class CongruentWrenches(ReadOnlyArrays):
     """Contacts of pairs of a few kinds, each kind kept once."""
 
     kinds: tuple[PairKind, ...]
@@ -167,7 +175,7 @@ def _block_places(rows: IntArray, columns: IntArray) -> tuple[IntArray, IntArray
 
 
 @dataclass(frozen=True)
-class ContactJacobian:
+class ContactJacobian(ReadOnlyArrays):
     """G of an assembly, contacts grouped by block pair (m, s)."""
 
     contacts: PairWrenches
@@ -191,7 +199,7 @@ class ContactJacobian:
     def once(self, name: str, find: Callable[[], Value]) -> Value:
         """What follows from G alone, found when it is first asked for and kept by its name."""
         if name not in self.proved:
-            self.proved[name] = find()
+            self.proved[name] = read_only(find())
         result: Value = self.proved[name]
         return result
 
@@ -331,7 +339,7 @@ class ContactJacobian:
 
 
 @dataclass(frozen=True)
-class Contacts:
+class Contacts(ReadOnlyArrays):
     """The contacts that touch at least one free block, and what belongs to them."""
 
     jacobian: ContactJacobian
@@ -385,7 +393,7 @@ def _transfer(
 
 
 @dataclass(frozen=True)
-class _Pairs:
+class _Pairs(ReadOnlyArrays):
     """Contacts between pairs of blocks, of which one at least is free."""
 
     index: IntArray

@@ -23,7 +23,7 @@ from geometry.loads import LoadCase, named_load
 from tests.support.answers import on_its_mesh
 from tests.support.blocks import tsb
 from tests.support.fem_problems import deformable_assembly
-from validation import load_case
+from validation import InputError, load_case
 
 CONCRETE = Material(density=2.4e-9, young_modulus=33e3, poisson_ratio=0.2)
 
@@ -207,18 +207,14 @@ def test_elastic_frames_reach_the_static_state():
         assert np.sqrt(np.mean((a - b) ** 2)) < 1e-3 * np.sqrt(np.mean(b**2))
 
 
-def test_floating_blocks_are_named_by_static_and_explicit_runs() -> None:
-    """Blocks 0.05 mm apart touch on some sides only: both runs have the same pressures, up to the
-    1e-4 of the load that an explicit run may leave, and places of blocks that nothing determines
-    (2 % of u apart)."""
+def test_floating_blocks_are_named_by_an_explicit_run() -> None:
+    """Blocks 0.05 mm apart touch on some sides only. A static run finds no equilibrium on this mesh
+    and names the remedy, which has the answer."""
     coarse = ["assembly.layers=1", "mesh.around=12", "mesh.radial=1", "mesh.axial=2"]
     case = load_case("tsb1-pipe", [*coarse, "contact.spacing=0.05", "fem.mesh=scene"])
-    static = on_its_mesh(case, method="static")
+    with pytest.raises(InputError, match=r"no equilibrium found .* use an explicit run"):
+        on_its_mesh(case, method="static")
     explicit = on_its_mesh(case, method="explicit")
-    for run in (static, explicit):
-        assert run.report["loose_blocks"] == [4, 5, 6, 7]
-    for name in ("p_eff", "p_max", "p_max_point"):
-        value = static.measures[name].value
-        assert explicit.measures[name].value == pytest.approx(value, rel=2e-4)
+    assert explicit.report["loose_blocks"] == [4, 5, 6, 7]
     touching = case.changed({"contact.spacing": 0.0, "fem.method": "explicit"})
     assert not on_its_mesh(touching, method="explicit").details.loose_blocks.size

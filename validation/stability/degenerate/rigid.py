@@ -89,11 +89,20 @@ def edge_beyond_face() -> Verdict:
 
 @case()
 def edge_across_an_edge() -> Verdict:
-    """Two edges cross in a point: carried there, tips 1e-3 beside it."""
+    """Two edges cross in a point: faces carry nothing, edges do there, and tip 1e-3 beside it."""
     turn = Rotation.from_euler("zy", [90.0, 180.0], degrees=True).as_matrix()
     placed = [_at(_WEDGE, 0.0, 0.0, 0.0, turn), _at(_WEDGE, 0.0, 0.0, 0.0)]
-    aside = np.array([0.0, 1e-3, 60.0])
-    return _stands_and_falls(placed, np.array([0.0, 0.0, 60.0]), aside, contacts=1)
+    _, there = _pressed(placed, _DOWN, np.array([0.0, 0.0, 60.0]))
+    _, beside = _pressed(placed, _DOWN, np.array([0.0, 1e-3, 60.0]))
+    edges, none = there.edges_and_corners, beside.edges_and_corners
+    assert edges is not None
+    assert none is not None
+    return judged(
+        ("carried by faces", there.holds, 0),
+        ("carried with edges", bool(edges.both.holds), ">=", 1),
+        ("carried beside it", bool(none.both.holds), 0),
+        ("contacts", edges.n_contacts, "==", 1),
+    )
 
 
 @case()
