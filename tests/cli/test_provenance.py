@@ -113,7 +113,7 @@ def balanced_joints(out: Path, pressure: float) -> None:
         expected = pressure * 120.0 * np.sqrt(2.0) * 200.0
         assert np.linalg.norm(total) == pytest.approx(expected, rel=1e-6)
     size = np.linalg.norm(force, axis=1)
-    # Without friction no facet has shear; normal forces of facets that turn add to more than the sum.
+    # Without friction no facet has shear; normal forces of facets that turn sum to more.
     assert (column["normal_force_N"] >= size * (1 - 1e-9)).all()
     assert (column["shear_force_N"] <= 1e-9 * column["normal_force_N"].max()).all()
     points = meshio.read(out / "joints.vtu")
