@@ -256,7 +256,7 @@ def on_exact_faces(shape: Polyhedron, points: FloatArray) -> tuple[FloatArray, F
         return near, height
     import pyvista as pv
 
-    facets = pv.PolyData.from_regular_faces(shape.points, shape.triangles[curved])
+    facets = pv.wrap(as_surface(shape.points, shape.triangles[curved]))
     cells, on_facet = facets.find_closest_cell(points, return_closest_point=True)
     rows = np.flatnonzero(np.linalg.norm(on_facet - points, axis=1) <= 2.0 * off.max())
     assert shape.exact is not None
