@@ -525,7 +525,7 @@ class State(ReadOnlyArrays):
         if self.frictions is None:
             return stored
         square = (self.frictions**2).sum(axis=-1)
-        return stored + float((points.weights * square).sum()) / (2.0 * self.deformable.stick)
+        return stored + float((points.weights * square).sum()) / (2.0 * self.deformable.stick())
 
     @property
     def external_work(self) -> float:
@@ -542,7 +542,7 @@ class State(ReadOnlyArrays):
 
     @property
     def _at_rest(self) -> float:
-        """What contact holds before anything acts [N mm]; interference is pressed in by work."""
+        """Contact energy before any load acts [N mm]; 0 with interference, which takes work."""
         if self.deformable.surfaces.clearance < 0.0:
             return 0.0
         start = np.zeros_like(self.displacement)

@@ -106,7 +106,7 @@ class RigidResult(ReadOnlyArrays):
 
     @property
     def verdict(self) -> Verdict:
-        """What is judged of the load."""
+        """Verdict on the load."""
         friction = self.friction
         found = self.equilibrium if friction is None else friction.equilibrium
         holds = False if found.mechanism is not None else found.holds or None
@@ -115,7 +115,7 @@ class RigidResult(ReadOnlyArrays):
 
     @property
     def edges_and_corners(self) -> EdgesAndCorners | None:
-        """What changes where edges and corners count; None where there are none."""
+        """Verdicts with edges and corners; None where there are none."""
         return cast("EdgesAndCorners | None", self.parts.get("edges_and_corners"))
 
     @property
@@ -354,7 +354,7 @@ def _rubbing(coulomb: Coulomb | None) -> Coulomb | None:
 def _judged(
     stated: RigidStatement, blocks: AnyBlocks, method: Rigid, tell: Callable[[str], None]
 ) -> RigidResult:
-    """What is found of blocks that touch at some of the contacts of a statement."""
+    """Analyse blocks that touch at some of the contacts of a statement."""
     dead = stated.rigid_weight
     load = stated.rigid_load.with_wrenches(dead)
     load = load if blocks is load.assembly else replace(load, assembly=blocks)

@@ -194,10 +194,10 @@ class ContactJacobian(ReadOnlyArrays):
     motions: FloatArray | None = None
     """Projectors on the motions that supports leave, (n_free, 6, 6); None: all of them."""
     proved: dict[str, Any] = field(default_factory=dict, repr=False, compare=False)
-    """What was found of it whatever the load, by name: load cases of the same blocks share it."""
+    """Results that do not depend on the load, by name: load cases of the same blocks share them."""
 
     def once(self, name: str, find: Callable[[], Value]) -> Value:
-        """What follows from G alone, found when it is first asked for and kept by its name."""
+        """Result that follows from G alone, computed when it is first requested and cached."""
         if name not in self.proved:
             self.proved[name] = read_only(find())
         result: Value = self.proved[name]

@@ -44,7 +44,7 @@ _FALLS, _EASY, _GROWS = 0.25, 10, 4.0
 
 @dataclass(frozen=True)
 class Loaded:
-    """What became of blocks under a growing load."""
+    """End of a growing load: rest or motion."""
 
     rests: bool | None
     """Whether they came to rest; None where the limit of work came first."""

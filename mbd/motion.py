@@ -29,8 +29,6 @@ class BlockMotion:
     """Of its mass centroid, (3,) [-]."""
     turn: FloatArray
     """Rotation times the largest arm of its points, (3,) [-]."""
-    size: float
-    """Largest displacement of its points [-]."""
     weighs_down: bool = True
     """Whether weight acts along -z, which is called down then."""
 
@@ -127,7 +125,6 @@ def motion_of_blocks(
             block,
             moving[block, :3] / largest,
             moving[block, 3:] * arms[block] / largest,
-            float(sizes[block]),
             down,
         )
         for block in most

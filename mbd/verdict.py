@@ -18,7 +18,7 @@ SQUEEZED = " if pressed beforehand (a hint, not proved)"
 
 
 class Verdict(NamedTuple):
-    """What is judged of blocks that touch at one set of contacts."""
+    """Verdict on a load, of blocks that touch at one set of contacts."""
 
     mechanism: MechanismClass
     """Class without friction."""
@@ -29,7 +29,7 @@ class Verdict(NamedTuple):
 
     @property
     def condition(self) -> str:
-        """What else it takes, in words; empty where nothing does."""
+        """Further condition, in words; empty where there is none."""
         if not self.holds or self.squeezed is False:
             return ""
         return SQUEEZED if self.squeezed else " if the load presses the joints itself (not decided)"
@@ -54,7 +54,7 @@ def _factor_words(factor: float) -> str:
 
 @dataclass(frozen=True)
 class EdgesAndCorners:
-    """What changes where edges and corners count beside faces."""
+    """Verdicts without and with the contacts of edges and corners."""
 
     n_contacts: int
     """Contacts that are left out."""
@@ -69,7 +69,7 @@ class EdgesAndCorners:
 
     @property
     def words(self) -> str:
-        """What changes in the verdict; empty where nothing does."""
+        """Change of the verdict; empty where there is none."""
         faces, both = self.faces, self.both
         if both.holds and faces.holds is False:
             held = "held by edges and corners alone: faces alone do not carry"
@@ -81,7 +81,7 @@ class EdgesAndCorners:
 
     @property
     def rows(self) -> list[Row]:
-        """What they would add."""
+        """One row: the verdict and the limit load with edges and corners."""
         words = "nothing to the verdict"
         if self.words:
             words = f"verdict: {self.both.mechanism}, {self.both.carried}"

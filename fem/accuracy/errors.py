@@ -40,8 +40,8 @@ from typing import Any
 from fem.accuracy.ladder import AT_EDGES, INTEGRALS, OF_FACETS, Rung
 from geometry.answer import Measure
 
-#: Factor of safety, and those of sequences and of two meshes with searched contact, as Roache's
-#: for three meshes and for two;
+#: Factors of safety of one mesh beside others, of sequences of meshes, and of two meshes with
+#: searched contact. The last two are Roache's for three meshes and for two;
 #: `tests/verification/error_bars.py` measures how often they suffice.
 SAFETY, OF_SEQUENCES, OF_TWO = 1.5, 1.25, 3.0
 #: Meshes whose fineness differs by a smaller share are as fine.

@@ -16,6 +16,7 @@ return.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -89,14 +90,14 @@ class CoulombFriction:
                     "friction φ is given as its tangent: 30° is 0.577"
                 )
 
-    def stick(self, modulus: float, length: float) -> float:
+    def stick(self, modulus: float, length: float, most: float = math.inf) -> float:
         """Stiffness of points that stick, as stated or of blocks [MPa/mm].
 
-        By default it scales with Young's modulus [MPa] and the length of a block [mm], and does
-        not depend on a mesh.
+        By default it scales with Young's modulus [MPa] and the length of a block [mm], does not
+        depend on a mesh, and is at most ``most``.
         """
         stated = self.stick_stiffness
-        return STIFFER * modulus / length if stated is None else stated
+        return min(STIFFER * modulus / length, most) if stated is None else stated
 
     def on(self, block_m: IntArray, block_s: IntArray) -> float | FloatArray:
         """Coefficient of each of some joints, blocks (n,) each; one number where all have it."""

@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from enum import StrEnum
 from functools import cached_property
@@ -154,10 +155,8 @@ class Deck:
         assert friction is not None
         deforming = np.unique(self.assembly.shape_of[self.problem.deforming]).tolist()
         modulus = max(self.materials[shape].young_modulus for shape in deforming)
-        stick = friction.stick(modulus, self.assembly.characteristic_length)
-        if self.in_time is None or friction.stick_stiffness is not None:
-            return stick
-        return min(stick, counted_stiffness(law))
+        most = math.inf if self.in_time is None else counted_stiffness(law)
+        return friction.stick(modulus, self.assembly.characteristic_length, most)
 
     @cached_property
     def searched(self) -> bool:

@@ -7,6 +7,7 @@ block after the other; displacements are (n_nodes, 3), in the frames of their bl
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -300,15 +301,17 @@ class System:
         """Pressure and friction there."""
         points = self.points
         law, friction = self.contact.law, self.contact.friction
-        stick = 0.0 if friction is None else self.stick
+        stick = 0.0 if friction is None else self.stick()
         return coulomb(law, friction, stick, points.block_m, points.block_s)
 
-    @property
-    def stick(self) -> float:
-        """Stiffness of points that stick, of a system with friction [MPa/mm]."""
+    def stick(self, most: float = math.inf) -> float:
+        """Stiffness of points that stick, of a system with friction; by default at most ``most``.
+
+        In MPa/mm.
+        """
         assert self.contact.friction is not None
         modulus = max(body.material.young_modulus for body in self.bodies)
-        return self.contact.friction.stick(modulus, self.assembly.characteristic_length)
+        return self.contact.friction.stick(modulus, self.assembly.characteristic_length, most)
 
     @cached_property
     def loads(self) -> FloatArray:

@@ -300,8 +300,8 @@ def _contact(
     copy_of = copy[system.orbits.representative]
     counted = counted_stiffness(contact.law, counted_pressure)
     friction = contact.friction
-    if friction is not None and friction.stick_stiffness is None:
-        friction = replace(friction, stick_stiffness=min(system.stick, counted))
+    if friction is not None:
+        friction = replace(friction, stick_stiffness=system.stick(counted))
     common: dict[str, Any] = {
         "law": contact.law,
         "clearance": system.surfaces.clearance,

@@ -80,7 +80,7 @@ def _own_stick(problem: Problem) -> CoulombFriction | None:
     friction = problem.coulomb
     if friction is None:
         return None
-    return replace(friction, stick_stiffness=problem.deformable.stick)
+    return replace(friction, stick_stiffness=problem.deformable.stick())
 
 
 def _solved(task: Problem, store: FlexibilityStore, *, refined: bool) -> Mapping[str, Any]:
