@@ -145,7 +145,8 @@ docs: setup
 	$(BIN)/sphinx-build --fail-on-warning --quiet docs docs/_build/html
 	@echo "docs/_build/html/index.html"
 
-# Pages of commands, scene keys and public names, which are in the repository: no run, seconds.
+# Pages of commands, scene keys and public names in docs, as `make docs` writes them, and the notebook
+# of its page: no run, seconds. The notebook alone is in the repository.
 pages: setup
 	cd docs && ../$(BIN)/python -m ext.pages
 	$(BIN)/jupytext --quiet --to notebook docs/tutorials/notebook.md

@@ -1,6 +1,6 @@
 """Writes the generated pages before Sphinx reads any.
 
-``python -m ext.pages`` in docs (`make pages`) writes those that need no run: they are in the
+``python -m ext.pages`` in docs (`make pages`) writes those that need no run. None of them is in the
 repository.
 """
 
