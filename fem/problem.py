@@ -29,12 +29,13 @@ from fem.element.material import (
     one_strength,
 )
 from fem.system.frames import Frames
-from geometry.assembly import AnyBlocks, Assembly, PlacedBlocks, UnmatchedJoint, spacing_offsets
+from geometry.assembly import Assembly, spacing_offsets
 from geometry.block import Block
 from geometry.errors import RefusedError, is_number
 from geometry.loads import Load, LoadCase, PressureLoad
 from geometry.mesh import BoolArray, FloatArray, IntArray, check_mesh
 from geometry.parts.pairs import OfPairs, check_pairs
+from geometry.parts.placed import AnyBlocks, PlacedBlocks, UnmatchedJoint
 
 if TYPE_CHECKING:
     from fem.contact.surfaces import MatchedFacets
@@ -459,7 +460,8 @@ class Problem:
             return blocks.unmatched
         if not blocks.unmatched_allowed:
             return ()
-        from geometry.polyhedra.assembly import as_polyhedral, unmatched_joints
+        from geometry.polyhedra.assembly import as_polyhedral
+        from geometry.polyhedra.near_joints import unmatched_joints
 
         return tuple(
             joint

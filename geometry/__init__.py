@@ -59,7 +59,6 @@ if TYPE_CHECKING:
     from geometry.families.versatile_panel import VersatilePanel
     from geometry.families.voxels import VoxelPuzzle
     from geometry.files.block_files import read_blocks
-    from geometry.files.mesh_io import contact_mesh
     from geometry.loads import (
         LineLoad,
         Load,
@@ -73,6 +72,7 @@ if TYPE_CHECKING:
         tunnel,
     )
     from geometry.mesh import HexMesh
+    from geometry.parts.contact_mesh import contact_mesh
     from geometry.parts.measures import effective_facets
     from geometry.parts.regions import Box, Plane
     from geometry.parts.supports import HeldFace
@@ -164,7 +164,7 @@ _PLACES = {
     "beam": "geometry.loads",
     "box_block": "geometry.block",
     "box_column": "geometry.families.boxes",
-    "contact_mesh": "geometry.files.mesh_io",
+    "contact_mesh": "geometry.parts.contact_mesh",
     "convex_polyhedron": "geometry.polyhedra.polyhedron",
     "effective_facets": "geometry.parts.measures",
     "pillar": "geometry.loads",

@@ -8,16 +8,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from geometry.block import Block
 from geometry.mesh import FloatArray, IntArray, ReadOnlyArrays
-from geometry.neighbours import coincident, pairs_within
-
-if TYPE_CHECKING:
-    from geometry.assembly import AnyBlocks, Assembly
+from geometry.parts.neighbours import coincident, pairs_within
+from geometry.parts.placed import AnyBlocks, PlacedBlocks
 
 #: Coincidence tolerance relative to the smallest facet's size.
 _RELATIVE_TOLERANCE = 1e-5
@@ -180,7 +177,7 @@ def _match(m: _Facets, s: _Facets, placement: Placement, tolerance: float) -> _M
     return _Match(facet_m[same], facet_s[same], order_s[same])
 
 
-def match_facets(blocks: Assembly) -> Interfaces:
+def match_facets(blocks: PlacedBlocks[Block]) -> Interfaces:
     """Find the facets of different blocks that coincide, corner on corner.
 
     Facet pairs are sorted by (m, s), within a pair in the order of m's facets, so the result does

@@ -18,7 +18,7 @@ from typing import TypeAlias, TypeVar
 import numpy as np
 
 from geometry.answer import is_round
-from geometry.assembly import AnyBlocks, Assembly
+from geometry.assembly import Assembly
 from geometry.errors import RefusedError, is_number
 from geometry.mesh import (
     BoolArray,
@@ -28,6 +28,7 @@ from geometry.mesh import (
     ReadOnlyArrays,
 )
 from geometry.parts.forces import NodeForces
+from geometry.parts.placed import AnyBlocks
 from geometry.parts.regions import (
     Where,
     check_blocks,

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Protocol, cast
 
 import numpy as np
 
-from geometry.assembly import AnyBlocks, Assembly, PlacedBlocks
+from geometry.assembly import Assembly
 from geometry.errors import RefusedError
 from geometry.loads import LoadCase
 from geometry.machine.system import one_thread_of_blas
@@ -24,6 +24,7 @@ from geometry.parts.measures import (
     joint_resultants,
 )
 from geometry.parts.pairs import OfPairs
+from geometry.parts.placed import AnyBlocks, PlacedBlocks
 from geometry.parts.rows import Notes, Part, Row
 from geometry.polyhedra.bare_contacts import CROSSING_EDGES, STANDING_CORNER
 from mbd.contact_jacobian import Contacts, contact_jacobian

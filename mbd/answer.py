@@ -20,7 +20,7 @@ from geometry.answer import (
     largest_facet_mean,
     place,
 )
-from geometry.assembly import AnyBlocks, Assembly
+from geometry.assembly import Assembly
 from geometry.loads import LoadCase
 from geometry.mesh import FloatArray, IntArray
 from geometry.parts.balance import Imbalance, Reactions, imbalance, of_fixed_blocks, together
@@ -34,6 +34,7 @@ from geometry.parts.measures import (
     first_largest,
     sections_through_joints,
 )
+from geometry.parts.placed import AnyBlocks
 from geometry.polyhedra.bare_contacts import CROSSING_EDGES, STANDING_CORNER
 from mbd.analysis import AnalysisError, RigidResult, RigidStatement, as_statement, rigid_result
 from mbd.contact_jacobian import contact_wrenches

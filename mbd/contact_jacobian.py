@@ -20,7 +20,6 @@ import numpy as np
 import scipy.linalg
 import scipy.sparse.csgraph
 
-from geometry.assembly import AnyBlocks
 from geometry.interface import Interfaces
 from geometry.mesh import (
     BoolArray,
@@ -31,6 +30,7 @@ from geometry.mesh import (
     read_only,
     run_starts,
 )
+from geometry.parts.placed import AnyBlocks
 from geometry.parts.supports import HeldFace
 from mbd.supports import admissible, free_motions
 

@@ -28,8 +28,8 @@ from typing import Any
 import numpy as np
 import scipy.sparse as sp
 
-from geometry.assembly import AnyBlocks
 from geometry.mesh import BoolArray, FloatArray, IntArray
+from geometry.parts.placed import AnyBlocks
 from geometry.parts.rows import Row, finite
 from mbd.contact_jacobian import Contacts
 from mbd.equilibrium import newton_equilibrium

@@ -8,8 +8,9 @@ from typing import Any, cast
 
 import numpy as np
 
-from geometry.assembly import AnyBlocks, Assembly
+from geometry.assembly import Assembly
 from geometry.mesh import BoolArray, FloatArray
+from geometry.parts.placed import AnyBlocks
 from geometry.parts.rows import Row
 
 #: Blocks that move less than this part of the largest displacement are not among those that move

@@ -12,10 +12,10 @@ from typing import Any
 
 import numpy as np
 
-from geometry.assembly import AnyBlocks
 from geometry.loads import LoadCase
 from geometry.mesh import FloatArray
 from geometry.parts.pairs import OfPairs, pair_values
+from geometry.parts.placed import AnyBlocks
 from geometry.parts.rows import Part, Row
 from mbd.contact_jacobian import Contacts, contact_jacobian
 from mbd.equilibrium import Equilibrium, column_weights, equilibrium

@@ -27,11 +27,11 @@ from typing import Any
 
 import numpy as np
 
-from geometry.assembly import AnyBlocks
 from geometry.loads import LoadCase
 from geometry.mesh import FloatArray, ReadOnlyArrays
 from geometry.parts.measures import first_largest
 from geometry.parts.pairs import OfPairs, pair_values
+from geometry.parts.placed import AnyBlocks
 from geometry.parts.regions import region_points
 from geometry.parts.rows import Row, finite, number
 from geometry.parts.supports import HeldFace

@@ -38,8 +38,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import scipy.sparse as sp
 
-from geometry.assembly import AnyBlocks
 from geometry.mesh import FloatArray, IntArray
+from geometry.parts.placed import AnyBlocks
 from geometry.parts.rows import Row, finite
 from mbd.contact_jacobian import Contacts
 from mbd.equilibrium import EQUILIBRIUM_TOLERANCE

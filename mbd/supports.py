@@ -9,11 +9,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from geometry.assembly import AnyBlocks
 from geometry.errors import RefusedError
 from geometry.loads import LoadCase
 from geometry.mesh import FloatArray, IntArray
 from geometry.parts.balance import Reactions, of_supports, outward_thrust
+from geometry.parts.placed import AnyBlocks
 from geometry.parts.regions import region_points
 from geometry.parts.supports import HeldFace
 

@@ -8,11 +8,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.spatial import cKDTree
 
-from geometry.assembly import Assembly, AssemblyError
+from geometry.assembly import Assembly
 from geometry.block import Block
 from geometry.interface import ROUGHLY_SAME, placements
 from geometry.mesh import HEX_TETRAHEDRA, BoolArray, FloatArray
-from geometry.neighbours import coincident
+from geometry.parts.neighbours import coincident
+from geometry.parts.placed import AssemblyError
 
 if TYPE_CHECKING:
     from geometry.polyhedra.polyhedron import Polyhedron

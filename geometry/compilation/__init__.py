@@ -11,7 +11,7 @@ from collections.abc import Callable
 from typing import Any
 
 #: When the first kernels were read [s since the epoch]: sources that are newer are not what runs.
-STARTED = time.time()
+_STARTED = time.time()
 
 
 class Kernel:
@@ -33,7 +33,7 @@ class Kernel:
         result = numba.njit(**self._options)(self._function)
         # Absent where compilation is disabled.
         if self._cached and hasattr(result, "targetoptions"):
-            folder = folder_of(self._function.__module__)
+            folder = folder_of(self._function.__module__, _STARTED)
             if folder is not None:
                 result._cache = KernelCache(self._function, result.targetoptions, folder)
         return result

@@ -29,7 +29,6 @@ from numba.core.caching import CompileResultCacheImpl, IndexDataCacheFile, NullC
 from numba.core.runtime import rtsys
 from numba.misc.appdirs import AppDirs
 
-from geometry.compilation import STARTED
 from geometry.compilation.clocks import CLOCKS
 
 _LOG = logging.getLogger(__name__)
@@ -114,13 +113,14 @@ def sources(module: str) -> dict[str, Path]:
 
 
 @functools.cache
-def folder_of(module: str) -> Path | None:
+def folder_of(module: str, started: float) -> Path | None:
     """Folder for the compiled functions of a module; None where nothing can be kept.
 
-    Sources that were edited since the program started are not what runs: nothing is kept then.
+    Sources that were edited after the program started [s since the epoch] are not what runs:
+    nothing is kept then.
     """
     files = sorted(sources(module).values())
-    if not files or max(file.stat().st_mtime for file in files) > STARTED:
+    if not files or max(file.stat().st_mtime for file in files) > started:
         return None
     switches = [getattr(config, switch, None) for switch in _SWITCHES]
     asked = [llvmlite.__version__, sys.version, switches]

@@ -14,9 +14,10 @@ from typing import ClassVar
 
 import numpy as np
 
-from geometry.assembly import Assembly, AssemblyError, UnmatchedJoint, matched_area
+from geometry.assembly import Assembly, matched_area
 from geometry.block import Block, box_block
 from geometry.parts.options import Count, Divisions, Options, Size
+from geometry.parts.placed import AssemblyError, UnmatchedJoint
 
 _FACES = {"y-": "inner", "y+": "outer", "x-": "left", "x+": "right", "z-": "bottom", "z+": "top"}
 

@@ -8,11 +8,12 @@ from typing import Literal
 
 import numpy as np
 
-from geometry.assembly import Assembly, AssemblyError, UnmatchedJoint
+from geometry.assembly import Assembly
 from geometry.block import Block
 from geometry.families.round_bodies import Plan, quarter_disc, round_ended, strip
 from geometry.mesh import boundary_quads
 from geometry.parts.options import Count, Length, Options
+from geometry.parts.placed import AssemblyError, UnmatchedJoint
 
 #: The round body ends so far from its axis, in its radius.
 _TRIMMED = 0.8

@@ -9,9 +9,9 @@ from typing import Annotated
 import numpy as np
 from annotated_types import Ge, Gt, Le
 
-from geometry.assembly import AssemblyError, require_size
 from geometry.mesh import HexMesh, boundary_quads, structured_hexahedra
 from geometry.parts.options import Count, Length, Options, Size
+from geometry.parts.placed import AssemblyError, require_size
 from geometry.polyhedra.assembly import PolyhedralAssembly, polyhedral_assembly
 from geometry.polyhedra.options import DetectionOptions
 from geometry.polyhedra.polyhedron import Polyhedron, polyhedron_from_quads

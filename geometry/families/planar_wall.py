@@ -18,11 +18,12 @@ from typing import Annotated, ClassVar
 import numpy as np
 from annotated_types import Gt
 
-from geometry.assembly import Assembly, AssemblyError
+from geometry.assembly import Assembly
 from geometry.block import Block, mapped_block
 from geometry.families.sine_block import LEAST_REACHED, check_shift
 from geometry.mesh import FloatArray
 from geometry.parts.options import Count, Divisions, Length, NonNegative, Options
+from geometry.parts.placed import AssemblyError
 
 #: Height of a joint above its mean plane at (x from the block's middle, y from the inner face).
 Profile = Callable[[FloatArray, FloatArray], FloatArray]

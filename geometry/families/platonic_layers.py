@@ -14,9 +14,9 @@ from typing import Annotated
 import numpy as np
 from annotated_types import Ge
 
-from geometry.assembly import AssemblyError
 from geometry.mesh import FloatArray
 from geometry.parts.options import Count, Length, Options
+from geometry.parts.placed import AssemblyError
 from geometry.polyhedra.assembly import PolyhedralAssembly, polyhedral_assembly
 from geometry.polyhedra.options import CubeArrangement, DetectionOptions
 from geometry.polyhedra.polyhedron import Polyhedron, convex_polyhedron

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from geometry.assembly import Assembly, AssemblyError, check_size
+from geometry.assembly import Assembly
 from geometry.block import Block
 from geometry.families.hexagon_block import (
     HexagonBlock,
@@ -31,6 +31,7 @@ from geometry.families.sine_block import (
 )
 from geometry.mesh import FloatArray
 from geometry.parts.options import Count, Options
+from geometry.parts.placed import AssemblyError, check_size
 
 
 def is_count(value: object) -> bool:

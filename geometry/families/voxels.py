@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from geometry.assembly import AssemblyError
 from geometry.mesh import CUBE, HexMesh, IntArray, boundary_quads
 from geometry.parts.options import Length, Options
+from geometry.parts.placed import AssemblyError
 from geometry.polyhedra.assembly import PolyhedralAssembly, polyhedral_assembly
 from geometry.polyhedra.options import DetectionOptions
 from geometry.polyhedra.polyhedron import Polyhedron, polyhedron_from_quads

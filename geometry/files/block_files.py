@@ -506,11 +506,11 @@ def millimetres(units: str) -> float:
 def _named_surfaces(path: Path, suffix: str) -> list[NamedSurface]:
     """Surfaces of a format that names them; none of others."""
     if suffix == ".obj":
-        from geometry.files.obj import read_obj
+        from geometry.files.formats.obj import read_obj
 
         return read_obj(path)
     if suffix == ".stl" and unreadable(path) is None:
-        from geometry.files.stl import is_text, read_stl_text
+        from geometry.files.formats.stl import is_text, read_stl_text
 
         return read_stl_text(path) if is_text(path) else []
     return read_named(path) if suffix in READ else []

@@ -47,8 +47,8 @@ from geometry.polyhedra.assembly import (
     PolyhedralAssembly,
     as_polyhedral,
     contact_distance,
-    unmatched_joints,
 )
+from geometry.polyhedra.near_joints import unmatched_joints
 from geometry.polyhedra.overlap import check_assembly
 from geometry.polyhedra.polyhedron import Polyhedron
 

@@ -10,11 +10,11 @@ from typing import Any
 
 import numpy as np
 
-from geometry.assembly import AssemblyError
 from geometry.files.block_files import millimetres, surface_blocks
 from geometry.files.named_surfaces import Y_UP, NamedSurface, by_corners
 from geometry.mesh import BoolArray, FloatArray, IntArray, MeshError
 from geometry.parts.block_selection import numbers_of
+from geometry.parts.placed import AssemblyError
 from geometry.polyhedra.polyhedron import Polyhedron
 
 _EXPECTED = (

@@ -47,15 +47,15 @@ def _every(path: Path) -> list[NamedSurface]:
     """Surfaces of a file by the reader of its format, which is imported when one is read."""
     match path.suffix.lower():
         case ".json":
-            from geometry.files.compas_json import read_compas as read
+            from geometry.files.formats.compas_json import read_compas as read
         case ".glb" | ".gltf":
-            from geometry.files.gltf import read_scene_graph as read
+            from geometry.files.formats.gltf import read_scene_graph as read
         case ".3mf":
-            from geometry.files.three_mf import read_3mf as read
+            from geometry.files.formats.three_mf import read_3mf as read
         case ".3dm":
-            from geometry.files.rhino import read_rhino as read
+            from geometry.files.formats.rhino import read_rhino as read
         case _:
-            from geometry.files.off import read_off as read
+            from geometry.files.formats.off import read_off as read
     return read(path)
 
 

@@ -13,9 +13,9 @@ from typing import Any
 
 import numpy as np
 
-from geometry.assembly import AnyBlocks
 from geometry.mesh import FloatArray, IntArray
 from geometry.parts.measures import JointResultants, Resultants
+from geometry.parts.placed import AnyBlocks
 from geometry.parts.rows import Row, finite, number
 
 #: Part of the forces on a block below which supports have taken all of them.

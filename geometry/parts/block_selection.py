@@ -7,8 +7,8 @@ from collections.abc import Iterable, Sequence
 
 import numpy as np
 
-from geometry.assembly import AnyBlocks, AssemblyError
 from geometry.mesh import IntArray
+from geometry.parts.placed import AnyBlocks, AssemblyError
 
 
 def chosen_blocks(key: str, chosen: Iterable[int | str], assembly: AnyBlocks) -> IntArray:

@@ -12,10 +12,11 @@ from typing import Any
 
 import numpy as np
 
-from geometry.assembly import AnyBlocks, Assembly
+from geometry.assembly import Assembly
 from geometry.block import Block
 from geometry.mesh import BoolArray, FloatArray, IntArray
 from geometry.meshing.charts import facet_corners
+from geometry.parts.placed import AnyBlocks
 from geometry.parts.walls import has_faces, least_wall, unit_vectors
 
 #: Units of `Dimensions` as plain data.

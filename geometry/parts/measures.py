@@ -24,9 +24,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from geometry.assembly import AnyBlocks, ContactSet
 from geometry.errors import RefusedError
 from geometry.mesh import BoolArray, FloatArray, IntArray, ReadOnlyArrays
+from geometry.parts.placed import AnyBlocks, ContactSet
 from geometry.parts.rows import Row, number
 
 #: Pressures below this fraction of the largest are round-off of the solver.

@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
-from geometry.assembly import AnyBlocks
 from geometry.block import Block
 from geometry.errors import RefusedError
 from geometry.mesh import BoolArray, FloatArray, IntArray, ReadOnlyArrays
+from geometry.parts.placed import AnyBlocks
 
 if TYPE_CHECKING:
     from scipy.spatial import KDTree

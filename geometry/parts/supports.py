@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from geometry.assembly import AnyBlocks
 from geometry.errors import RefusedError
 from geometry.mesh import FloatArray, ReadOnlyArrays
+from geometry.parts.placed import AnyBlocks
 from geometry.parts.regions import Where, check_blocks, check_region, region_nodes
 
 

@@ -9,14 +9,9 @@ import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import dijkstra
 
-from geometry.assembly import (
-    Assembly,
-    AssemblyError,
-    PlacedBlocks,
-    UnmatchedJoint,
-    matched_area,
-)
+from geometry.block import Block
 from geometry.mesh import BoolArray, FloatArray, IntArray
+from geometry.parts.placed import AssemblyError, PlacedBlocks
 from geometry.polyhedra.facet_contact import ContactPoints, find_contacts
 from geometry.polyhedra.options import DetectionOptions
 from geometry.polyhedra.placed_shapes import PlacedShapes
@@ -24,9 +19,6 @@ from geometry.polyhedra.polyhedron import Polyhedron, polyhedron_from_block
 
 #: Default contact tolerance in block lengths ∛V.
 _RELATIVE_TOLERANCE = 1e-4
-#: Part of the contact area of two blocks that may have no matching facets: clipping and curved
-#: facets, which are split into flat triangles to find it.
-_UNMATCHED = 1e-2
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -178,7 +170,7 @@ def polyhedral_assembly(
 
 
 def as_polyhedral(
-    assembly: Assembly, detection: DetectionOptions | None = None
+    assembly: PlacedBlocks[Block], detection: DetectionOptions | None = None
 ) -> PolyhedralAssembly:
     """Return a hexahedral assembly as triangulated blocks whose contacts are to be detected."""
     return PolyhedralAssembly(
@@ -186,25 +178,6 @@ def as_polyhedral(
         shapes=tuple(polyhedron_from_block(shape) for shape in assembly.shapes),
         detection=detection or DetectionOptions(),
     )
-
-
-def unmatched_joints(
-    assembly: Assembly, surfaces: PolyhedralAssembly
-) -> tuple[UnmatchedJoint, ...]:
-    """Joints where the facets of two blocks that touch do not match corner on corner.
-
-    ``surfaces`` are the same blocks, their contacts found without matching facets.
-    """
-    patches = surfaces.interfaces.patches
-    pairs = np.unique(np.column_stack([patches.block_m, patches.block_s]), axis=0)
-    result = []
-    for m, s in pairs.tolist():
-        rows = np.flatnonzero((patches.block_m == m) & (patches.block_s == s))
-        touching, matched = float(patches.areas[rows].sum()), matched_area(assembly, m, s)
-        if matched < (1.0 - _UNMATCHED) * touching:
-            toward = patches.normals[rows[np.argmax(patches.areas[rows])]]
-            result.append(UnmatchedJoint(m, s, touching, matched, toward))
-    return tuple(result)
 
 
 def bare_joints(surfaces: PolyhedralAssembly) -> list[tuple[int, int]]:

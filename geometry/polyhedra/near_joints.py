@@ -6,11 +6,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from geometry.assembly import Assembly, matched_area
 from geometry.mesh import FloatArray
+from geometry.parts.placed import UnmatchedJoint
 from geometry.polyhedra.assembly import PolyhedralAssembly
 from geometry.polyhedra.facet_contact import facing_areas
 from geometry.polyhedra.overlap import SignedDistance
 
+#: Part of the contact area of two blocks that may have no matching facets: clipping and curved
+#: facets, which are split into flat triangles to find it.
+_UNMATCHED = 1e-2
 #: Faces farther apart than this many contact tolerances do not face each other.
 _REACH = 100.0
 #: Faces turned farther from each other than this do not face each other [°].
@@ -81,3 +86,22 @@ def distance_between(assembly: PolyhedralAssembly, a: int, b: int) -> float:
         return float(np.abs(away).min())
 
     return min(least(a, b), least(b, a))
+
+
+def unmatched_joints(
+    assembly: Assembly, surfaces: PolyhedralAssembly
+) -> tuple[UnmatchedJoint, ...]:
+    """Joints where the facets of two blocks that touch do not match corner on corner.
+
+    ``surfaces`` are the same blocks, their contacts found without matching facets.
+    """
+    patches = surfaces.interfaces.patches
+    pairs = np.unique(np.column_stack([patches.block_m, patches.block_s]), axis=0)
+    result = []
+    for m, s in pairs.tolist():
+        rows = np.flatnonzero((patches.block_m == m) & (patches.block_s == s))
+        touching, matched = float(patches.areas[rows].sum()), matched_area(assembly, m, s)
+        if matched < (1.0 - _UNMATCHED) * touching:
+            toward = patches.normals[rows[np.argmax(patches.areas[rows])]]
+            result.append(UnmatchedJoint(m, s, touching, matched, toward))
+    return tuple(result)

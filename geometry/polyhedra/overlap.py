@@ -17,10 +17,10 @@ from typing import Any
 
 import numpy as np
 
-from geometry.assembly import AssemblyError
 from geometry.files.vtu import as_array, as_surface
 from geometry.interface import ROUGHLY_SAME, placements
 from geometry.mesh import FloatArray, IntArray
+from geometry.parts.placed import AssemblyError
 from geometry.polyhedra.assembly import PolyhedralAssembly
 from geometry.polyhedra.box_tree import overlapping_boxes
 from geometry.polyhedra.polyhedron import Polyhedron

@@ -9,8 +9,8 @@ from typing import TypeVar
 
 import numpy as np
 
-from geometry.assembly import PlacedBlocks
 from geometry.mesh import BoolArray, FloatArray, IntArray
+from geometry.parts.placed import PlacedBlocks
 from geometry.polyhedra.box_tree import BoxTree, boxes_of_triangles
 from geometry.polyhedra.polyhedron import Polyhedron
 from geometry.polyhedra.triangle_search import Surface

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from geometry import BrickStack, HexagonBlock
-from geometry.assembly import AssemblyError
 from geometry.families.hexagon_block import HexagonBlockDivisions
 from geometry.families.sine_block import SineBlockDivisions
 from geometry.families.tube import HexagonTube, SineTube
+from geometry.parts.placed import AssemblyError
 from geometry.polyhedra.assembly import as_polyhedral
 from tests.support.blocks import tsb
 from tests.support.commands import command

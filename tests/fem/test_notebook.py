@@ -33,10 +33,10 @@ from geometry import (
     tube,
     tunnel,
 )
-from geometry.assembly import AssemblyError
 from geometry.errors import RefusedError
 from geometry.families.boxes import ColumnBox, box_column
 from geometry.loads import LoadCase, PressureLoad, face_pressure
+from geometry.parts.placed import AssemblyError
 from mbd import Rigid, analyse
 from tests.support.answers import on_its_mesh
 from tests.support.shapes import SHAPE

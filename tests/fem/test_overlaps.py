@@ -9,8 +9,9 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from fem.system.overlaps import check_overlaps
-from geometry.assembly import Assembly, AssemblyError
+from geometry.assembly import Assembly
 from geometry.families.boxes import ColumnBox, box_column
+from geometry.parts.placed import AssemblyError
 
 pytestmark = pytest.mark.quick
 

@@ -13,8 +13,8 @@ from fem.state import State
 from fem.static.solve import solve_static
 from fem.system.reactions import PushCurve
 from geometry import TetrahedraLayer
-from geometry.assembly import AssemblyError
 from geometry.families.platonic_layers import tetrahedron
+from geometry.parts.placed import AssemblyError
 from mbd import contact_jacobian
 from mbd.force_range import force_ranges
 from mbd.friction import frictional_contacts, frictional_equilibrium

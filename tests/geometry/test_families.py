@@ -28,8 +28,8 @@ from geometry import (
     SeparateBoxes,
     box_column,
 )
-from geometry.assembly import PlacedBlocks
 from geometry.loads import CASES, NamedLoad
+from geometry.parts.placed import PlacedBlocks
 from tests.support.commands import command
 from validation import builtin_names, load_case
 

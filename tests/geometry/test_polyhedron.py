@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 
 from geometry import HexagonBlock
-from geometry.assembly import AssemblyError
 from geometry.families.hexagon_block import HexagonBlockDivisions, hexagon_block
 from geometry.families.masonry import box
 from geometry.families.platonic_layers import cube, octahedron, tetrahedron
 from geometry.files.block_files import read_blocks, step_hexahedra
 from geometry.files.mesh_io import hexahedra_of, read_any_mesh, write_hex_mesh
 from geometry.mesh import FloatArray, IntArray, MeshError, boundary_quads
+from geometry.parts.placed import AssemblyError
 from geometry.polyhedra.assembly import PolyhedralAssembly, polyhedral_assembly
 from geometry.polyhedra.box_tree import overlapping_boxes
 from geometry.polyhedra.facet_contact import ContactPolygons

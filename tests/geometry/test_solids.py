@@ -9,7 +9,7 @@ import pytest
 from geometry.families.masonry import CircularArch
 from geometry.files import mesh_io
 from geometry.files.block_files import read_blocks
-from geometry.files.obj import read_obj
+from geometry.files.formats.obj import read_obj
 from geometry.mesh import FloatArray, IntArray, MeshError
 from geometry.polyhedra.polygons import surface_of_polygons
 from geometry.polyhedra.polyhedron import convex_polyhedron, polyhedron

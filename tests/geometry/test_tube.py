@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from geometry import Assembly, HexagonBlock
-from geometry.assembly import AssemblyError, moved, renumbered
+from geometry.assembly import moved, renumbered
 from geometry.errors import RefusedError
 from geometry.families.hexagon_block import HexagonBlockDivisions
 from geometry.families.planar_wall import OsteomorphicWall, PlanarSineWall
@@ -23,6 +23,7 @@ from geometry.families.sine_block import (
 )
 from geometry.families.tube import HexagonTube, SineTube
 from geometry.loads import LoadCaseError, named_load
+from geometry.parts.placed import AssemblyError
 from mbd import analyse
 from tests.support.blocks import random_rotation, tsb
 

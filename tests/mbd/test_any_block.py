@@ -10,7 +10,6 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from geometry import Assembly
-from geometry.assembly import AnyBlocks
 from geometry.families.masonry import CircularArch, RunningBondWall, box
 from geometry.families.planar_wall import OsteomorphicWall, PlanarSineWall
 from geometry.families.platonic_layers import (
@@ -23,6 +22,7 @@ from geometry.families.tube import SineTube
 from geometry.families.voxels import VoxelPuzzle
 from geometry.loads import LoadCase, named_load
 from geometry.mesh import FloatArray
+from geometry.parts.placed import AnyBlocks
 from geometry.polyhedra.assembly import PolyhedralAssembly, as_polyhedral, polyhedral_assembly
 from geometry.polyhedra.facet_contact import _at_vertices
 from geometry.polyhedra.options import ContactPlacement, CubeArrangement, DetectionOptions

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from fem import Problem, concrete
-from geometry.assembly import AssemblyError
 from geometry.files.block_files import gmsh_session, read_blocks
+from geometry.parts.placed import AssemblyError
 from geometry.polyhedra.assembly import PolyhedralAssembly, polyhedral_assembly
 from geometry.polyhedra.options import DetectionOptions
 from geometry.polyhedra.overlap import check_assembly

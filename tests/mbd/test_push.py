@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from geometry.assembly import AnyBlocks
 from geometry.families.boxes import ColumnBox, box_column
 from geometry.loads import LoadCase
+from geometry.parts.placed import AnyBlocks
 from geometry.parts.regions import Box, Plane
 from geometry.parts.supports import HeldFace
 from geometry.polyhedra.assembly import PolyhedralAssembly, as_polyhedral

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from geometry.assembly import AssemblyError
 from geometry.families.masonry import RunningBondWall, wall_of_rows
+from geometry.parts.placed import AssemblyError
 from geometry.polyhedra.assembly import PolyhedralAssembly
 from mbd import contact_jacobian
 from mbd.force_range import plane_problem

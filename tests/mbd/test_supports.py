@@ -9,9 +9,9 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from geometry import Assembly
-from geometry.assembly import AnyBlocks
 from geometry.families.boxes import ColumnBox, box_column
 from geometry.loads import LineLoad, LoadCase, PressureLoad, TractionLoad
+from geometry.parts.placed import AnyBlocks
 from geometry.parts.regions import Plane
 from geometry.parts.supports import HeldFace
 from geometry.polyhedra.assembly import as_polyhedral

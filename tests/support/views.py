@@ -9,9 +9,10 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from geometry import Assembly
-from geometry.assembly import AnyBlocks, moved, renumbered
+from geometry.assembly import moved, renumbered
 from geometry.loads import FaceLoad, LoadCase, PressureLoad, TractionLoad
 from geometry.mesh import FloatArray, IntArray
+from geometry.parts.placed import AnyBlocks
 from geometry.polyhedra.assembly import PolyhedralAssembly
 from geometry.polyhedra.polyhedron import Polyhedron
 

@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 
 from fem.contact.law import ContactLaw
 from fem.element.material import Material, one_strength
-from geometry.assembly import AnyBlocks
 from geometry.mesh import BoolArray, FloatArray
 from geometry.parts.block_selection import numbers_of
 from geometry.parts.pairs import OfPairs, PairError
+from geometry.parts.placed import AnyBlocks
 from validation.errors import InputError
 from validation.scene.deformable import MaterialSection
 from validation.scene.read import DeformableScene

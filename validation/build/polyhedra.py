@@ -11,7 +11,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from fem.element.lagrange_mesh import with_degree
-from geometry.assembly import AnyBlocks, Assembly, AssemblyError
+from geometry.assembly import Assembly
 from geometry.errors import RefusedError
 from geometry.files.block_files import read_blocks
 from geometry.files.hexahedral_solids import with_hexahedra
@@ -19,6 +19,7 @@ from geometry.files.named_surfaces import Y_UP
 from geometry.loads import LoadCase
 from geometry.mesh import BoolArray, FloatArray
 from geometry.parts.block_selection import numbers_of
+from geometry.parts.placed import AnyBlocks, AssemblyError
 from geometry.polyhedra.assembly import PolyhedralAssembly, polyhedral_assembly
 from geometry.polyhedra.options import DetectionOptions
 from geometry.polyhedra.overlap import check_assembly

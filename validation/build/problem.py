@@ -14,11 +14,12 @@ from fem.contact.pair_laws import PairLaws
 from fem.method import Static
 from fem.problem import Problem
 from fem.system.frames import Frames
-from geometry.assembly import AnyBlocks, Assembly
+from geometry.assembly import Assembly
 from geometry.loads import LoadCase
 from geometry.machine.work import LimitError, budget
 from geometry.parts.block_selection import chosen_blocks
 from geometry.parts.measures import Planes, planes
+from geometry.parts.placed import AnyBlocks
 from validation.build.cell import build_cell
 from validation.build.materials import build_materials, friction_of_pairs, laws_of_pairs
 from validation.build.supports import held_at_faces, stands_on_a_face, stated_load

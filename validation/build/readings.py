@@ -6,8 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
-from geometry.assembly import AnyBlocks
 from geometry.files.readers import left_out
+from geometry.parts.placed import AnyBlocks
 from geometry.polyhedra.assembly import PolyhedralAssembly
 from geometry.polyhedra.near_joints import facing_surfaces
 from geometry.polyhedra.overlap import largest_tolerance

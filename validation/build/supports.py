@@ -6,7 +6,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from geometry.assembly import AnyBlocks
 from geometry.files.named_sets import face_name
 from geometry.loads import (
     FaceLoad,
@@ -17,6 +16,7 @@ from geometry.loads import (
 )
 from geometry.mesh import FloatArray, IntArray, QuadSurface
 from geometry.parts.block_selection import chosen_block, chosen_blocks
+from geometry.parts.placed import AnyBlocks
 from geometry.parts.regions import (
     Box,
     Edges,

@@ -10,9 +10,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from geometry.answer import FACTORS, Answer, Measure
-from geometry.assembly import AnyBlocks, Assembly
+from geometry.assembly import Assembly
 from geometry.files.mesh_io import write_cells
 from geometry.parts.measures import JointResultants, Measures, SectionForces
+from geometry.parts.placed import AnyBlocks
 from geometry.parts.rows import Row, number
 from geometry.polyhedra.bare_contacts import CROSSING_EDGES, STANDING_CORNER
 from mbd.options import Norm

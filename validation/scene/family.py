@@ -1,7 +1,6 @@
 """Families of blocks: one record says of which dataclass of geometry their scenes are made.
 
-A record is one call of `family`, in `validation.scene.families` or, of triangulated blocks, in
-`validation.scene.polyhedra`. Nothing else lists families.
+A record is one call of `family`, in `validation.scene.families`. Nothing else lists families.
 """
 
 from __future__ import annotations
@@ -92,7 +91,7 @@ FAMILIES = Families()
 
 def _import_records(kind: str = "") -> None:
     """Import the file of a type's name, where there is one; without a type all files."""
-    from validation.scene import families, polyhedra  # noqa: F401 - those of polyhedra are there
+    from validation.scene import families
 
     for module in iter_modules(families.__path__):
         if kind in ("", module.name):

@@ -16,8 +16,8 @@ from typing import Any
 from pydantic import BaseModel
 
 from fem.element.material import FASTEST_SOUND, SLOWEST_SOUND
-from geometry.assembly import AnyBlocks, AssemblyError, check_size
 from geometry.machine.work import beyond_memory
+from geometry.parts.placed import AnyBlocks, AssemblyError, check_size
 from validation.scene.keys.docstrings import YOUNG_MODULUS, Range, ranges
 from validation.scene.sections import WholeScene
 

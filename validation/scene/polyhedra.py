@@ -1,4 +1,4 @@
-"""Scenes of triangulated blocks, and their families with known verdicts."""
+"""Scenes of triangulated blocks."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ from typing import Annotated, Any
 from pydantic import Field
 
 from geometry.polyhedra.options import DetectionOptions
-from validation.scene.family import FamilyScene, family
-from validation.scene.keys.docstrings import ACCELERATION, SIZE
+from validation.scene.family import FamilyScene
+from validation.scene.keys.docstrings import ACCELERATION
 from validation.scene.sections import Positive, Section, Vector, section_of, unset, vector_words
 from validation.scene.supports import PushSection
 
@@ -82,16 +82,3 @@ class PolyhedralScene(FamilyScene):
     load: BodyLoadSection = unset(BodyLoadSection)
     detection: DetectionSection = unset(DetectionSection)
     mesh: SolidMeshSection = unset(SolidMeshSection)
-
-
-for _kind, _shape, _assembly in (
-    ("tetrahedra", "platonic_layers:TetrahedraLayer", "columns rows freed"),
-    ("octahedra", "platonic_layers:OctahedraLayer", "rings"),
-    ("cubes", "platonic_layers:CubesLayer", "rings"),
-    ("versatile", "versatile_panel:VersatilePanel", "columns rows"),
-    ("wall", "masonry:RunningBondWall", "columns rows"),
-    ("arch", "masonry:CircularArch", "voussoirs embrace"),
-    ("voxels", "voxels:VoxelPuzzle", "fixed"),
-):
-    _place = f"geometry.families.{_shape}"
-    family(PolyhedralScene, _kind, _place, assembly=_assembly, about={"size": SIZE})

@@ -9,10 +9,11 @@ from functools import partial
 import numpy as np
 import scipy.sparse as sp
 
-from geometry.assembly import Assembly, AssemblyError, renumbered
+from geometry.assembly import Assembly, renumbered
 from geometry.families.sine_block import SineBlockDivisions
 from geometry.loads import LoadCase, named_load
 from geometry.mesh import FloatArray
+from geometry.parts.placed import AssemblyError
 from mbd import Norm, analyse, contact_jacobian
 from mbd.contact_jacobian import ContactJacobian, Contacts, SeparateWrenches
 from mbd.equilibrium import column_weights, newton_equilibrium

@@ -15,9 +15,10 @@ from fem.decks.read.blocks import Blocks
 from fem.decks.read.cards import Card
 from fem.decks.read.model import ModelLines, Named, Step, friction_of, law_of
 from fem.decks.read.words import Dialect
-from geometry.assembly import Assembly, UnmatchedJoint
+from geometry.assembly import Assembly
 from geometry.files.hexahedral_solids import SURFACE
 from geometry.mesh import BoolArray, IntArray
+from geometry.parts.placed import UnmatchedJoint
 from geometry.polyhedra.assembly import PolyhedralAssembly
 
 #: Surfaces without a contact pair that are closer than this, in edges of their facets, could touch.

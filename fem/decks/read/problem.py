@@ -27,7 +27,8 @@ from fem.element.material import Material
 from fem.problem import Problem, before_motion
 from geometry.assembly import Assembly
 from geometry.loads import LoadCase
-from geometry.polyhedra.assembly import as_polyhedral, contact_distance, unmatched_joints
+from geometry.polyhedra.assembly import as_polyhedral, contact_distance
+from geometry.polyhedra.near_joints import unmatched_joints
 
 #: Tetrahedra of ten nodes up to which their hexahedra are of degree 2: more take gigabytes.
 _TETRAHEDRA = 2000

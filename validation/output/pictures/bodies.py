@@ -9,12 +9,13 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from geometry.assembly import AnyBlocks, Assembly
+from geometry.assembly import Assembly
 from geometry.block import Block
-from geometry.files.mesh_io import interface_surface
 from geometry.loads import LoadCase
 from geometry.mesh import FloatArray, IntArray
+from geometry.parts.contact_mesh import interface_surface
 from geometry.parts.measures import facets_between, first_largest
+from geometry.parts.placed import AnyBlocks
 from geometry.polyhedra.assembly import PolyhedralAssembly
 from validation.output.pictures.canvas import (
     Direction,

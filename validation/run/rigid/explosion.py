@@ -12,8 +12,9 @@ from typing import Any
 
 import numpy as np
 
-from geometry.assembly import Assembly, AssemblyError
+from geometry.assembly import Assembly
 from geometry.mesh import FloatArray
+from geometry.parts.placed import AssemblyError
 from geometry.polyhedra.assembly import PolyhedralAssembly, as_polyhedral
 from geometry.polyhedra.overlap import Overlap, find_overlaps
 from mbd import MechanismClass, contact_jacobian
