@@ -20,6 +20,8 @@ from mdit_py_plugins.colon_fence import colon_fence_plugin
 from mdit_py_plugins.dollarmath import dollarmath_plugin
 from mdit_py_plugins.front_matter import front_matter_plugin
 
+from tests.fixtures.commands import undrawn
+from tests.support.commands import command
 from validation import builtin_names, load_case
 
 ROOT = Path(__file__).parents[2]
@@ -35,6 +37,10 @@ GENERATED = ("gallery", "scenes", "results", "api", "_build", "commands.md")
 PAGES = [
     path for path in sorted(DOCS.rglob("*.md")) if path.relative_to(DOCS).parts[0] not in GENERATED
 ]
+#: Pages beside the manual: read in a clone, without a build.
+BESIDE = sorted(ROOT.glob("*.md"))
+#: What the command line raises where it does not accept a call: typer has its own click.
+USAGE_ERROR = typer.BadParameter.__base__ or Exception
 #: The first key of a study in place of a scene.
 STUDY = {"scene", "quantity", "parameters", "settings"}
 
@@ -122,13 +128,12 @@ def _below(section: type) -> tuple[tuple[str, ...], ...]:
     return tuple(found)
 
 
-def _lines() -> Iterator[tuple[Path, list[str]]]:
-    """Calls of the command in shell blocks, split into words."""
-    for page, text in _blocks("sh"):
-        for line in text.replace("\\\n", " ").splitlines():
-            words = shlex.split(line, comments=True)
-            if words[:1] == ["tubelock"]:
-                yield page, words[1:]
+def _lines(text: str) -> Iterator[list[str]]:
+    """Calls of the command in a shell block, split into words."""
+    for line in text.replace("\\\n", " ").splitlines():
+        words = shlex.split(line, comments=True)
+        if words[:1] == ["tubelock"]:
+            yield words[1 : words.index(">") if ">" in words else None]
 
 
 @cache
@@ -144,23 +149,61 @@ def _command(words: list[str]) -> tuple[Any, list[str]]:
     return command, words
 
 
-def test_every_command_option_and_scene_exists() -> None:
+def _calls() -> Iterator[tuple[Path, list[str]]]:
+    """Calls of the command on all pages, in shell blocks and in sentences."""
+    for page, text in _blocks("sh"):
+        yield from ((page, words) for words in _lines(text))
+    for page in [*PAGES, *BESIDE]:
+        for line in re.findall(r"`(tubelock [^`|]+)`", page.read_text("utf-8").replace("\n", " ")):
+            yield from ((page, words) for words in _lines(line))
+
+
+def test_every_command_is_accepted_with_its_options_and_scene() -> None:
+    """The command line reads each call; scenes that are built in take each setting."""
     wrong, paths = [], _paths()
-    found = list(_lines())
-    assert len(found) > 30
-    for page, words in found:
+    calls = list(_calls())
+    assert len(calls) > 100
+    for page, words in calls:
         command, rest = _command(words)
-        options = {o for p in command.params for o in (*p.opts, *p.secondary_opts)} | {"--help"}
-        for place, word in enumerate(rest):
-            if word.startswith("-") and word != "-" and word not in options:
-                wrong.append((page.name, word, " ".join(words)))
-            if word == "--set" and tuple(rest[place + 1].split("=")[0].split(".")) not in paths:
-                wrong.append((page.name, rest[place + 1], "no scene has this key"))
-            if re.fullmatch(r"(tsb|thb)\d-[a-z]+", word) and word not in builtin_names():
-                wrong.append((page.name, word, "no such scene"))
-        if hasattr(command, "commands") and rest and not rest[0].startswith("-"):
-            wrong.append((page.name, rest[0], "no such command"))
+        if not rest:  # the name of a command
+            continue
+        try:
+            read = command.make_context(command.name, list(rest)).params
+        except typer.Exit:  # of --help and --version
+            continue
+        except USAGE_ERROR as error:
+            wrong.append((page.name, " ".join(words), str(error)))
+            continue
+        settings = [s for s in read.get("settings") or [] if "…" not in s]
+        wrong += [
+            (page.name, s, "no scene has this key")
+            for s in settings
+            if tuple(s.split("=")[0].split(".")) not in paths
+        ]
+        scene = read.get("scene")
+        if scene in builtin_names():
+            load_case(scene, settings)
+        elif re.fullmatch(r"(tsb|thb)\d-[a-z]+", str(scene)):
+            wrong.append((page.name, scene, "no such scene"))
     assert wrong == []
+
+
+def test_every_target_and_program_of_the_tests_exists() -> None:
+    """`make TARGET`, `python -m tests.PROGRAM` and the tables of `tests.verification`."""
+    text = "\n".join(page.read_text("utf-8") for page in (*PAGES, *BESIDE))
+    made = re.findall(r"^([\w-]+):(?!=)", (ROOT / "Makefile").read_text("utf-8"), re.MULTILINE)
+    targets = set(re.findall(r"(?:^|`)make ([a-z]+)", text, re.MULTILINE))
+    assert len(targets) > 8
+    assert targets - set(made) == set()
+    programs = {name.replace(".", "/") for name in re.findall(r"python -m (tests\.[\w.]+)", text)}
+    assert len(programs) > 3
+    files = (f"{name}{end}" for name in programs for end in (".py", "/__main__.py"))
+    assert sum((ROOT / file).is_file() for file in files) == len(programs)
+    tables = (ROOT / "tests" / "verification" / "__main__.py").read_text("utf-8")
+    named = re.findall(r"python -m tests\.verification ([a-z0-9\- ]+)", text)
+    names = {name for line in named for name in line.split()}
+    assert len(names) > 8
+    assert names - set(re.findall(r'^    "([\w-]+)": \(', tables, re.MULTILINE)) == set()
 
 
 def _leaves(table: dict[str, Any], before: tuple[str, ...] = ()) -> Iterator[tuple[str, ...]]:
@@ -213,10 +256,6 @@ def _rendered(text: str) -> Iterator[tuple[str, list[str]]]:
         words = ["0" if t.type in {"code_inline", "math_inline"} else t.content for t in inside]
         assert all(t.content.strip() for t in inside if t.type == "code_inline"), words
         yield "".join(words), [str(t.attrs["href"]) for t in inside if t.type == "link_open"]
-
-
-#: Pages beside the manual: read in a clone, without a build.
-BESIDE = sorted(ROOT.glob("*.md"))
 
 
 @pytest.fixture(scope="module")
@@ -278,15 +317,79 @@ def test_the_notebook_has_the_code_of_its_page() -> None:
     assert stored == [text.rstrip() for text in code], "run `make pages`"
 
 
+def _run(page: Path, code: str) -> None:
+    exec(compile(code, str(page), "exec"), {"__name__": "page"})
+
+
+def _python() -> dict[Path, str]:
+    """Python of each page that has any, its blocks one after the other."""
+    found: dict[Path, str] = {}
+    for page, text in _blocks("python"):
+        found[page] = found.get(page, "") + text
+    return found
+
+
+def _shown() -> Iterator[tuple[Path, str, str, str]]:
+    """Page, language, code and what is shown below the code as its output."""
+    for page in [*PAGES, ROOT / "README.md"]:
+        inside = r"((?:(?!```).)*)"
+        shown = rf"```(sh|python)\n{inside}```\s*```text\n{inside}```"
+        for language, code, output in re.findall(shown, page.read_text("utf-8"), re.DOTALL):
+            yield page, language, code, output
+
+
+#: Pages whose Python is shown with its output: run as it stands.
+PRINTING = sorted({page for page, language, _, _ in _shown() if language == "python"})
+
+
 @pytest.mark.parametrize(
-    "page",
-    [p for p in [*PAGES, ROOT / "README.md"] if "```python" in p.read_text("utf-8")],
-    ids=lambda p: str(p.relative_to(ROOT)),
+    "page", [p for p in _python() if p not in PRINTING], ids=lambda p: str(p.relative_to(ROOT))
 )
 @pytest.mark.usefixtures("small_meshes")
 def test_python_of_a_page_runs(page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """With one layer where it has two."""
     monkeypatch.chdir(tmp_path)
-    code = "\n".join(re.findall(r"```python\n(.*?)```", page.read_text("utf-8"), re.DOTALL))
-    code = code.replace("layers=2", "layers=1").replace('layers": 2', 'layers": 1')
-    exec(compile(code, str(page), "exec"), {"__name__": "page"})
+    code = _python()[page]
+    _run(page, code.replace("layers=2", "layers=1").replace('layers": 2', 'layers": 1'))
+
+
+def _said(text: str) -> list[str]:
+    """Lines of an output; round-off, which depends on the processor, as 0."""
+    return [re.sub(r"\d(\.\d+)?e-(09|1\d)", "0", line.rstrip()) for line in text.splitlines()]
+
+
+def _missing(shown: str, output: str) -> list[str]:
+    """Lines that are shown and not printed, in this order; … stands for lines that are left out."""
+    left = iter(_said(output))
+    return [line for line in _said(shown) if line.strip(" │") not in {"", "…"} and line not in left]
+
+
+@pytest.mark.parametrize("page", PRINTING, ids=lambda p: str(p.relative_to(ROOT)))
+def test_python_of_a_page_prints_what_is_shown(
+    page: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    _run(page, _python()[page])
+    output = capsys.readouterr().out
+    for where, language, _, shown in _shown():
+        if (where, language) == (page, "python"):
+            assert _missing(shown, output) == [], output
+
+
+@pytest.mark.parametrize(
+    ("page", "code", "shown"),
+    [(page, code, shown) for page, language, code, shown in _shown() if language == "sh"],
+    ids=lambda p: str(p.relative_to(ROOT)) if isinstance(p, Path) else "",
+)
+def test_commands_of_a_page_print_what_is_shown(
+    page: Path, code: str, shown: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    with undrawn():
+        runs = [command(*words) for words in _lines(code)]
+    output = "".join(out for _, out, _ in runs)
+    assert {status for status, _, _ in runs} == {0}
+    assert _missing(shown, output) == [], output
