@@ -19,6 +19,7 @@ from validation import Case, InputError, compare, load_case
 from validation.run.probe import Change, Numbers, change
 from validation.study.comparison.scene import compared_runs
 from validation.study.effects.auto import EffectsDecision, decide_effects, require_wider
+from validation.study.effects.switches import effects_of, has_effect
 
 #: Finer than the probe's 12 × 2 × 4 elements, and still quick.
 MESH = ["assembly.layers=2", "mesh.around=24", "mesh.radial=2", "mesh.axial=6"]
@@ -30,11 +31,6 @@ ACCEPTED = "plausibility.accept=['contact.clearance']"
 def numbers(answer: Answer) -> Numbers:
     """What effects are judged by."""
     return Numbers(*(answer[name].value for name in ("p_max", "p_eff", "max_displacement")))
-
-
-#: Switches that a scene sets are not decided.
-SWITCHES = ["effects.elastic_frame=false"]
-SWITCHES_IN_TIME = [*SWITCHES, "effects.finite_sliding=false"]
 
 
 def decided(case: Case, *keep: str) -> tuple[Case, EffectsDecision]:
@@ -50,42 +46,57 @@ def of(found: EffectsDecision, effect: str) -> tuple[bool, Change | None]:
 def test_decisions_are_those_of_the_full_runs() -> None:
     # The probe is coarser by 2 × 1.5 and finds a change to a factor of two: what changes the full
     # run by less than half the tolerance is left out, what changes it by more than twice stays.
-    added = {
+    stated = {
         "friction": ["effects.friction.coefficient=1e-4"],
         "gravity": ["effects.gravity=[0,0,-9806.65]"],
-        "clearance": ["contact.clearance=1e-5", ACCEPTED],
+        "clearance": ["contact.clearance=1e-3", ACCEPTED],
     }
-    every = (word for words in added.values() for word in words)
-    _, found = decided(load_case("tsb1-pipe", [*MESH, *every, "effects.auto=0.02"]))
-    assert {d.effect for d in found.decisions} == {*added, "elastic_frame"}
-    reference = numbers(on_its_mesh("tsb1-pipe", MESH))
-    for effect, words in added.items():
-        true = change(reference, numbers(on_its_mesh("tsb1-pipe", [*MESH, *words])))
+    every = [*MESH, *(word for words in stated.values() for word in words)]
+    _, found = decided(load_case("tsb1-pipe", [*every, "effects.auto=0.02"]))
+    assert {d.effect for d in found.decisions} == set(stated)
+    reference = numbers(on_its_mesh("tsb1-pipe", every))
+    for effect, words in stated.items():
+        without = [word for word in every if word not in words or word == ACCEPTED]
+        true = change(reference, numbers(on_its_mesh("tsb1-pipe", without)))
         simulated, probed = of(found, effect)
         assert probed is not None
         assert 0.5 < probed.largest / true.largest < 2.0
         assert simulated or true.largest < 2 * 0.02
         assert not simulated or true.largest > 0.02 / 2
-    assert {"friction", "clearance"} & set(found.left_out)
-    assert "gravity" not in found.left_out
+    assert set(found.left_out) == {"friction"}
 
 
-def test_the_rule_is_that_of_the_effects_command() -> None:
-    """An effect is added to none: here on the mesh of the scene, which is as coarse as a probe.
+def test_effects_are_those_of_the_scene_switched_off() -> None:
+    """A probe differs from the scene by that effect alone: here also on the mesh of the scene.
 
     Both go to the load in one step. The probe stops at 1e-5 of the load, which soft contact
     amplifies to at most 1e-3 of a change.
     """
     once, friction = [*COARSE, "fem.load_steps=1"], "effects.friction.coefficient=0.5"
-    _, found = decided(load_case("tsb1-pipe", [*once, friction, "effects.auto=0.01"]))
-    base = numbers(on_its_mesh("tsb1-pipe", once))
-    added = {"friction": friction, "elastic_frame": "effects.elastic_frame=true"}
-    for effect, word in added.items():
-        true = change(base, numbers(on_its_mesh("tsb1-pipe", [*once, word])))
-        simulated, probed = of(found, effect)
-        assert probed is not None
-        assert probed.values == pytest.approx(true.values, abs=1e-3)
-        assert simulated is probed.matters(0.01)
+    frame = "effects.elastic_frame=true"
+    case, found = decided(load_case("tsb1-pipe", [*once, friction, frame, "effects.auto=0.01"]))
+    base = numbers(on_its_mesh("tsb1-pipe", [*once, friction, frame]))
+    keys: dict[str, tuple[str, object, object]] = {
+        "friction": ("effects.friction.coefficient", 0.5, None),
+        "elastic_frame": ("effects.elastic_frame", True, False),
+    }
+    assert {d.effect for d in found.decisions} == set(keys)
+    for decision, other in zip(found.decisions, (frame, friction), strict=True):
+        (key,) = decision.changes
+        assert (key.key, key.before, key.after) == keys[decision.effect]
+        true = change(base, numbers(on_its_mesh("tsb1-pipe", [*once, other])))
+        assert decision.change is not None
+        assert decision.change.values == pytest.approx(true.values, abs=1e-3)
+        assert decision.simulated is decision.change.matters(0.01)
+        assert has_effect(case.scene, decision.effect) is decision.simulated
+
+
+@pytest.mark.quick
+def test_no_effect_is_switched_on() -> None:
+    case, found = decided(load_case("tsb1-pipe", [*COARSE, "effects.auto=0.01"]))
+    assert not found.decisions
+    assert not effects_of(case.scene)
+    assert found.work == 0.0
 
 
 def test_damping_does_not_change_the_state_at_rest() -> None:
@@ -93,8 +104,7 @@ def test_damping_does_not_change_the_state_at_rest() -> None:
     # static to 1e-3, the bound of its settling.
     plain = [*COARSE, "fem.method='explicit'", "fem.damping='static'"]
     damped = ["effects.bulk_viscosity={}", "effects.rayleigh.stiffness_proportional=1e-7"]
-    auto = [*SWITCHES_IN_TIME, "effects.auto=0.01"]
-    case, found = decided(load_case("tsb1-pipe", [*plain, *damped, *auto]))
+    case, found = decided(load_case("tsb1-pipe", [*plain, *damped, "effects.auto=0.01"]))
     assert set(found.left_out) == {"rayleigh", "bulk_viscosity"}
     with_damping, without, bare = (
         on_its_mesh(c)
@@ -108,16 +118,14 @@ def test_damping_does_not_change_the_state_at_rest() -> None:
 def test_damping_stays_in_a_run_that_is_not_driven_to_rest() -> None:
     moving = [*COARSE, "fem.method='explicit'", "fem.damping='paper'", "fem.end_time=1e-3"]
     viscous = [*moving, "effects.bulk_viscosity={}"]
-    _, found = decided(load_case("tsb1-pipe", [*viscous, *SWITCHES_IN_TIME, "effects.auto=0.01"]))
+    _, found = decided(load_case("tsb1-pipe", [*viscous, "effects.auto=0.01"]))
     assert of(found, "bulk_viscosity") == (True, None)
 
 
 def test_what_is_kept_stays_and_what_is_left_out_leaves_no_bit() -> None:
-    small = [*COARSE, "effects.friction.coefficient=1e-4", "effects.elastic_frame=false"]
+    small = [*COARSE, "effects.friction.coefficient=1e-4"]
     stated = load_case("tsb1-pipe", [*small, "effects.auto=0.05"])
     case, found = decided(stated)
-    # Written off stays off, and is not even a candidate.
-    assert "elastic_frame" not in {d.effect for d in found.decisions}
     assert of(found, "friction")[0] is False
     overruled, also = decided(stated, "friction")
     assert overruled.scene.effects.friction == stated.scene.effects.friction
@@ -128,35 +136,42 @@ def test_what_is_kept_stays_and_what_is_left_out_leaves_no_bit() -> None:
 
 def test_probes_take_a_third_of_the_limit_of_work_and_what_is_dearer_stays_as_written() -> None:
     """One step of the count may be beyond it: all of them together are twice the work at most."""
-    weight = ("effects.gravity=[0,0,-9806.65]", "effects.auto=0.01")
+    weight = ("effects.gravity=[0,0,-9806.65]", "effects.friction=1e-4", "effects.auto=0.01")
     _, whole = decided(load_case("tsb1-pipe", [*COARSE, *weight]))
     assert 0.0 < whole.work <= 20.0 / 3.0
-    assert of(whole, "elastic_frame")[1] is not None
+    assert of(whole, "friction")[0] is False
     most = 0.5 * whole.work
     stated = load_case("tsb1-pipe", [*COARSE, *weight, f"fem.max_work={3.0 * most}"])
     case, found = decided(stated)
     assert 0.5 * most <= found.work < whole.work
     assert case.scene.effects.gravity == stated.scene.effects.gravity
-    assert not case.scene.effects.elastic_frame
+    assert case.scene.effects.friction == stated.scene.effects.friction
     assert "more than a third of the limit of work" in found.words
 
 
-def test_effects_that_are_small_alone_but_not_together_are_put_back() -> None:
-    # The tolerance is put between the larger change and the sum of both: the larger is simulated.
-    stated = load_case("tsb1-pipe", [*COARSE, "contact.clearance=1e-4", "effects.auto=0.9"])
-    _, wide = decided(stated)
+def test_effects_that_are_small_alone_but_not_together_are_kept() -> None:
+    # A soft frame and a gap both add to u. The tolerance is just above the larger change.
+    words = ["effects.elastic_frame=true", "contact.clearance=3e-4", ACCEPTED]
+    written = load_case("tsb1-pipe", [*COARSE, *words])
+    stated = written.changed({"effects.auto": 0.9})
+    case, wide = decided(stated)
+    assert set(wide.left_out) == {"elastic_frame", "clearance"}
     sizes = [d.change.largest for d in wide.decisions if d.change is not None]
-    assert len(wide.left_out) == 2
-    tolerance = 0.5 * (max(sizes) + sum(sizes))
-    _, found = decided(stated.changed({"effects.auto": tolerance}))
+    base, bare = (numbers(on_its_mesh(c)) for c in (written, case))
+    together = change(base, bare).largest
+    assert together > 1.01 * max(sizes)
+    _, found = decided(stated.changed({"effects.auto": 1.005 * max(sizes)}))
     assert len(found.left_out) == 1
-    assert of(found, found.left_out[0])[1].largest == pytest.approx(min(sizes))
+    smallest = of(found, found.left_out[0])[1]
+    assert smallest is not None
+    assert smallest.largest == pytest.approx(min(sizes))
     assert "too much together" in " ".join(d.reason for d in found.decisions if d.simulated)
 
 
 def test_sliding_that_matters_is_part_of_the_explicit_run() -> None:
-    auto = ["load.pressure=3.0", "effects.auto=0.005", "fem.method='explicit'", *SWITCHES]
-    case, found = decided(load_case("tsb1-beam", [*COARSE, *auto]))
+    auto = ["load.pressure=3.0", "effects.auto=0.005", "fem.method='explicit'"]
+    sliding = "effects.finite_sliding=true"
+    case, found = decided(load_case("tsb1-beam", [*COARSE, *auto, sliding]))
     assert case.scene.effects.finite_sliding
     assert "of a facet" in found.decisions[0].reason
 
@@ -191,16 +206,19 @@ def decision_of_command(path: Path, *words: str) -> tuple[dict[str, Any], str]:
 
 
 def test_command_line_prints_and_writes_the_decision(tmp_path: Path) -> None:
-    words = [f"--set={s}" for s in (*MESH, "effects.friction.coefficient=0.5")]
+    settings = ("effects.friction.coefficient=0.5", "contact.clearance=1e-5", ACCEPTED)
+    words = [f"--set={s}" for s in (*COARSE, *settings)]
     data, out = decision_of_command(tmp_path / "run.json", *words, "--auto", "2%")
     assert data["tolerance"] == 0.02
     row = next(d for d in data["decisions"] if d["effect"] == "friction")
     assert row["simulated"]
     assert abs(row["change"]["displacement"]) > 0.02
     (line,) = [x for x in out.splitlines() if x.startswith("effects ")]
-    simulated = line.partition("left out:")[0]
-    assert "friction coefficient 0.5 (" in simulated
-    assert "elastic frame (" in simulated
+    simulated, _, left_out = line.partition("left out:")
+    assert "friction (off: " in simulated
+    assert "contact.clearance 1e-05 → 0" in left_out
+    (gap,) = next(d for d in data["decisions"] if d["effect"] == "clearance")["changes"]
+    assert gap == {"key": "contact.clearance", "from": 1e-5, "to": 0.0}
 
 
 def test_command_line_keeps_what_it_is_told(tmp_path: Path) -> None:
@@ -212,7 +230,8 @@ def test_command_line_keeps_what_it_is_told(tmp_path: Path) -> None:
 
 
 def test_meshes_that_do_not_match_are_probed() -> None:
-    _, found = decided(load_case("column-nonmatching", ["effects.auto=0.01"]))
+    settings = ["effects.auto=0.01", "fem.method='explicit'", "effects.finite_sliding=true"]
+    _, found = decided(load_case("column-nonmatching", settings))
     (sliding,) = (d for d in found.decisions if d.effect == "finite_sliding")
     assert sliding.simulated
     assert "do not match" in sliding.reason
@@ -221,7 +240,7 @@ def test_meshes_that_do_not_match_are_probed() -> None:
 def test_a_scene_without_a_static_state_cannot_be_probed() -> None:
     # The load pushes the flat bricks out: a mechanism.
     with pytest.raises(InputError, match=r"remove effects\.auto, and every effect acts as written"):
-        decided(load_case("brick-stack", ["effects.auto=0.01"]))
+        decided(load_case("brick-stack", ["effects.auto=0.01", "contact.clearance=0.01"]))
 
 
 # ---------------------------------------------------------------------------------------------

@@ -67,8 +67,8 @@ def effects(
 ) -> None:
     """Measure the influence and the cost of each effect.
 
-    Adds one effect at a time to the reference run of a tube. An interrupted call goes on from its
-    rows, in the folder of -o, with the same command.
+    Switches off the effects of a scene one at a time, in explicit runs to rest. An interrupted call
+    goes on from its rows, in the folder of -o, with the same command.
     """
     from validation.case import load_case, require_deformable
     from validation.output.progress import following

@@ -59,7 +59,7 @@ class Change(Numbers):
         """The largest of the three, with its name."""
         named = zip(("p_max", "p_eff", "u"), self.values, strict=True)
         name, value = max(named, key=lambda one: abs(one[1]))
-        return f"{name} {100 * value:+.2g} %" if value else "no change"
+        return f"{name} {100 * value:+.3g} %" if value else "no change"
 
 
 def numbers_of(solution: State) -> Numbers:
@@ -85,7 +85,7 @@ def solve_probe(
 ) -> State:
     """Static state of a probe; probes that share a store condense the same blocks once."""
     with named(name):
-        deformable = scene_problem(without_motion(scene), name).deformable
+        deformable = scene_problem(scene, name).deformable
     options = StaticOptions(
         symmetry=1 if scene.fem.symmetry == "none" else None,
         tolerance=_TOLERANCE,
@@ -106,7 +106,9 @@ def probe_scene(scene: DeformableScene, name: str) -> DeformableScene:
 
     Layers, loads and contact stay: what an effect does to a tall tube shows only in a tall tube.
     """
-    still = {"rayleigh": None, "bulk_viscosity": None, "auto": None}
+    still: dict[str, Any] = {"rayleigh": None, "bulk_viscosity": None, "finite_rotation": False}
+    if scene.fem.method is Method.EXPLICIT:
+        still["finite_sliding"] = False
     static = scene.changed({"fem": {"method": Method.STATIC, "frames": 0}, "effects": still})
     for factor in (1, 2, 4):
         coarse = _coarse_mesh(scene, factor)
@@ -114,16 +116,11 @@ def probe_scene(scene: DeformableScene, name: str) -> DeformableScene:
             break
         probe = static.changed({"mesh": coarse})
         try:
-            _ = scene_problem(without_motion(probe), name).deformable
+            _ = scene_problem(probe, name).deformable
         except RefusedError:
             continue
         return probe
     return static
-
-
-def without_motion(scene: DeformableScene) -> DeformableScene:
-    """Scene without the effects that no static problem has."""
-    return scene.changed({"effects": {"finite_rotation": False, "finite_sliding": False}})
 
 
 def _coarse_mesh(scene: DeformableScene, factor: int) -> dict[str, Any]:

@@ -1,10 +1,10 @@
 """`[effects] auto`: simulate only the effects of a scene that matter.
 
-The rule is that of `tubelock effects`: an effect is added to the scene without any, and matters if
+The rule is that of `tubelock effects`: an effect of the scene is switched off, and matters if
 p_max, p_eff or the largest displacement change by more than the tolerance. The scene is solved as a
 static problem on a coarse mesh. Effects that are left out change no more than the tolerance
-together, as the sum of their changes. Probes take a third of the answer's limit of work at most;
-beyond it effects stay as written. The decision is part of the result.
+together: the probe without all of them says so. Probes take a third of the answer's limit of work
+at most; beyond it effects stay as written. The decision is part of the result.
 """
 
 from __future__ import annotations
@@ -33,17 +33,15 @@ from validation.run.probe import (
     solve_probe,
 )
 from validation.scene.deformable import EffectName, Method
-from validation.scene.family import AssemblyScene
 from validation.scene.read import DeformableScene
+from validation.study.effects.switches import KeyChange, effects_of, key_changes, without_effect
 
 #: Part of the limit of work of an answer that its probes may take.
 SHARE = 1.0 / 3.0
-#: Effects that are on or off, without a value.
-_SWITCHES = (EffectName.ELASTIC_FRAME, EffectName.FINITE_ROTATION, EffectName.FINITE_SLIDING)
-#: Effects that ``[contact]`` names.
-_GAPS = (EffectName.CLEARANCE, EffectName.SPACING)
 #: Effects that only a motion has.
 _DAMPING = (EffectName.RAYLEIGH, EffectName.BULK_VISCOSITY)
+#: The effect that is judged by slip.
+_SLIDING = EffectName.FINITE_SLIDING
 
 
 @dataclass(frozen=True)
@@ -51,21 +49,31 @@ class Decision:
     """What was decided about one effect."""
 
     effect: EffectName
-    setting: str
-    """Its value, as the scene gives it."""
+    changes: tuple[KeyChange, ...]
+    """Keys that switch it off."""
     simulated: bool
     """Whether the run has it."""
     change: Change | None
-    """Of the probe's answer when it is added; None where no number decides."""
+    """Of the probe's answer when it is switched off; None where no number decides."""
     reason: str
     """How it was decided, in words."""
 
     @property
     def words(self) -> str:
-        """The effect with its value and its largest change, or the reason."""
-        setting = "" if self.setting == "on" else f" {self.setting}"
-        why = self.reason if self.change is None else self.change.words
-        return f"{self.effect.replace('_', ' ')}{setting} ({why})"
+        """The effect with its largest change, or the reason; keys where it is left out."""
+        why = self.reason if self.change is None else f"off: {self.change.words}"
+        keys = "" if self.simulated else "".join(f"; {c.words}" for c in self.changes)
+        return f"{self.effect.replace('_', ' ')} ({why}{keys})"
+
+    def as_json(self) -> dict[str, Any]:
+        """Plain data."""
+        return {
+            "effect": self.effect,
+            "changes": [change.as_json() for change in self.changes],
+            "simulated": self.simulated,
+            "change": None if self.change is None else asdict(self.change),
+            "reason": self.reason,
+        }
 
 
 @dataclass(frozen=True)
@@ -77,7 +85,7 @@ class EffectsDecision:
     decisions: tuple[Decision, ...]
     """One for each candidate."""
     as_written: tuple[EffectName, ...]
-    """Effects that the scene fixes and the run has."""
+    """Effects of the scene that are not decided; the run has them."""
     probe: str
     """What was solved."""
     cpu_seconds: float
@@ -106,71 +114,18 @@ class EffectsDecision:
 
     def as_json(self) -> dict[str, Any]:
         """Plain data."""
-        return asdict(self) | {"left_out": list(self.left_out)}
-
-
-# ---------------------------------------------------------------------------------------------
-# Candidates
-
-
-def has_effect(scene: DeformableScene, effect: EffectName) -> bool:
-    """Whether a scene has an effect."""
-    if effect in _GAPS:
-        return bool(getattr(scene.contact, effect) > 0.0)
-    return bool(getattr(scene.effects, effect))
-
-
-def with_effect(scene: DeformableScene, effect: EffectName) -> DeformableScene:
-    """Scene with one of the effects that need no value."""
-    return scene.changed({f"effects.{effect}": True})
-
-
-def without_effect(scene: DeformableScene, effect: EffectName) -> DeformableScene:
-    """Scene without an effect."""
-    if effect in _GAPS:
-        return scene.changed({f"contact.{effect}": 0.0})
-    if effect is EffectName.FRICTION:
-        pairs = scene.contact.frictionless_pairs
-        return scene.changed({"effects.friction": None, "contact.pairs": pairs})
-    return scene.changed({f"effects.{effect}": False if effect in _SWITCHES else None})
+        return {
+            **{key: getattr(self, key) for key in ("tolerance", "as_written", "left_out")},
+            "decisions": [decision.as_json() for decision in self.decisions],
+            **{key: getattr(self, key) for key in ("probe", "cpu_seconds", "work")},
+        }
 
 
 def candidates(scene: DeformableScene, keep: Collection[str]) -> tuple[EffectName, ...]:
-    """Effects to decide: those with a value, and switches that the scene does not set."""
+    """Effects of a scene that a static probe can decide."""
     explicit = scene.fem.method is Method.EXPLICIT
-    result = []
-    for effect in EffectName:
-        if effect in keep:
-            continue
-        if effect in _SWITCHES:
-            written = effect in scene.effects.model_fields_set
-            stands = isinstance(scene, AssemblyScene) and scene.stands
-            useless = effect is EffectName.ELASTIC_FRAME and stands
-            # Probes are static, with small rotations.
-            impossible = effect is EffectName.FINITE_ROTATION
-            impossible |= effect is EffectName.FINITE_SLIDING and not explicit
-            if not (written or useless or impossible):
-                result.append(effect)
-        elif has_effect(scene, effect):
-            result.append(effect)
-    return tuple(result)
-
-
-def setting_words(scene: DeformableScene, effect: EffectName) -> str:
-    """Value of an effect in a scene."""
-    if effect in _SWITCHES:
-        return "on"
-    if effect in _GAPS:
-        return f"{getattr(scene.contact, effect):g} mm"
-    value = getattr(scene.effects, effect)
-    if effect is EffectName.GRAVITY:
-        return ", ".join(f"{g:g}" for g in value) + " mm/s²"
-    given = value.model_dump(exclude_none=True)
-    return ", ".join(f"{key.replace('_', ' ')} {number:g}" for key, number in given.items())
-
-
-# ---------------------------------------------------------------------------------------------
-# Deciding
+    fixed = {EffectName.FINITE_ROTATION} if explicit else {EffectName.FINITE_ROTATION, _SLIDING}
+    return tuple(e for e in effects_of(scene) if e not in keep and e not in fixed)
 
 
 def require_wider(scene: DeformableScene, name: str) -> None:
@@ -207,34 +162,34 @@ def decide_effects(
     names = candidates(plain, keep)
     start = time.process_time()
     probe = _Probe(plain, name, names, told or (lambda _: None))
-    result = _together([probe.decision(effect) for effect in names], tolerance)
+    result = _left_out(probe, [probe.decision(effect) for effect in names], tolerance)
     decided = plain
     for decision in result:
-        change = with_effect if decision.simulated else without_effect
-        if decision.simulated is not has_effect(plain, decision.effect):
-            decided = change(decided, decision.effect)
+        if not decision.simulated:
+            decided = without_effect(decided, decision.effect)
     return decided, EffectsDecision(
         tolerance=tolerance,
         decisions=result,
-        as_written=tuple(e for e in EffectName if e not in names and has_effect(plain, e)),
+        as_written=tuple(e for e in effects_of(plain) if e not in names),
         probe=f"static, {mesh_words(probe.scene)}",
         cpu_seconds=time.process_time() - start,
         work=probe.work,
     )
 
 
-def _together(probed: list[Decision], tolerance: float) -> tuple[Decision, ...]:
-    """Leave out effects, the smallest first, as long as all of them change no more than allowed."""
-    total, decided = 0.0, {}
-    measured = [d for d in probed if d.change is not None]
-    for d in sorted(measured, key=lambda d: d.change.largest if d.change else 0.0):
-        assert d.change is not None
-        total += d.change.largest
-        reason = d.reason
-        if total > tolerance and not d.change.matters(tolerance):
-            reason += "; small alone, too much together with the others"
-        decided[d.effect] = replace(d, simulated=total > tolerance, reason=reason)
-    return tuple(decided.get(d.effect, d) for d in probed)
+def _left_out(probe: _Probe, probed: list[Decision], tolerance: float) -> tuple[Decision, ...]:
+    """Leave out small effects: the largest of them stay until the others are small together."""
+    measured = [d for d in probed if d.change is not None and not d.change.matters(tolerance)]
+    small = sorted(measured, key=lambda d: d.change.largest if d.change else 0.0)
+    together = list(small)
+    while together and not probe.within(together, tolerance):
+        together.pop()
+    result = []
+    for d in probed:
+        more = d in small and d not in together
+        reason = f"{d.reason}; small alone, too much together with the others" if more else d.reason
+        result.append(replace(d, simulated=d not in together, reason=reason))
+    return tuple(result)
 
 
 #: Why an effect is not decided.
@@ -242,7 +197,7 @@ _TOO_DEAR = "as written: to probe it takes more than a third of the limit of wor
 
 
 def _most_work(scene: DeformableScene, name: str) -> float:
-    """Reference seconds that the probes of a scene may take, its effects as written.
+    """Reference seconds that the probes of a scene may take.
 
     Explicit runs take thousands of steps: there is no limit beside them.
     """
@@ -253,7 +208,7 @@ def _most_work(scene: DeformableScene, name: str) -> float:
 
 
 class _Probe:
-    """A scene without the effects to decide, solved once, and once more with each of them."""
+    """A scene solved as it is written, and once more without each of its effects."""
 
     def __init__(
         self,
@@ -265,97 +220,76 @@ class _Probe:
         self._full, self._name, self._told = scene, name, told
         self._store = FlexibilityStore()
         self.scene = probe_scene(scene, name)
-        self._needed: tuple[EffectName, ...] = ()
-        solved = [e for e in names if e not in _DAMPING]
+        solved = any(e not in _DAMPING for e in names)
         self.work, self._limit = 0.0, _most_work(scene, name) if solved else 0.0
-        self._base = self._solved(solved) if solved else None
+        self._base = self._run(self.scene, "all effects") if solved else None
 
-    def _run(self, scene: DeformableScene) -> State:
-        """Solve a probe within the work that is left."""
+    def _run(self, scene: DeformableScene, what: str) -> State | None:
+        """Solve a probe within the work that is left; None where it takes more."""
+        self._told(what)
         with budget(self._limit - self.work) as spent:
             try:
                 return solve_probe(scene, self._name, self._store)
+            except LimitError:
+                return None
             finally:
                 self.work += spent.seconds
 
-    def _solved(self, names: list[EffectName]) -> State | None:
-        """Solve without effects; those that have a value stay where there is no solution.
-
-        None where this takes too much work.
-        """
-        self._told("none of the effects")
-        written = [e for e in names if has_effect(self.scene, e)]
-        bare = self.scene
-        for effect in written:
-            bare = without_effect(bare, effect)
-        try:
-            result = self._run(bare)
-        except LimitError:
+    def _changed(self, effects: Collection[EffectName]) -> Change | None:
+        """What the probe's answer changes without some effects; None where it takes too much."""
+        scene = self.scene
+        for effect in effects:
+            scene = without_effect(scene, effect)
+        names = ", ".join(effect.replace("_", " ") for effect in effects)
+        without = None if self._base is None else self._run(scene, f"without {names}")
+        if self._base is None or without is None:
             return None
+        return change(numbers_of(self._base), numbers_of(without))
+
+    def within(self, left_out: list[Decision], tolerance: float) -> bool:
+        """Whether the probe without some effects is within the tolerance of the one with them."""
+        solved = [d.effect for d in left_out if d.effect not in (*_DAMPING, _SLIDING)]
+        total = sum(d.change.largest for d in left_out if d.change and d.effect not in solved)
+        try:
+            moved = self._changed(solved) if len(solved) > 1 else None
         except RefusedError:
-            if not written:
-                raise
-            result = self._run(self.scene)
-            self._needed = tuple(written)
-            return result
-        self.scene = bare
-        return result
+            return False
+        if len(solved) > 1 and moved is None:
+            return False
+        alone = (d.change for d in left_out if d.effect in solved)
+        together = moved or next(alone, None)
+        return total + (together.largest if together else 0.0) <= tolerance
 
     def decision(self, effect: EffectName) -> Decision:
-        """What an effect changes; whether it then matters is decided for all of them together."""
-        setting = setting_words(self._full, effect)
-        if effect in self._needed:
-            reason = "without these effects the probe has no static state"
-            return Decision(effect, setting, True, None, reason)
+        """What an effect changes; whether it is left out is decided for all of them together."""
+        off = key_changes(self._full, without_effect(self._full, effect))
         if effect in _DAMPING:
-            return self._damping(effect, setting)
+            return self._damping(effect, off)
         if self._base is None:
-            return self._as_written(effect, setting)
-        return self._probed(effect, setting, self._base)
-
-    def _probed(self, effect: EffectName, setting: str, base: State) -> Decision:
-        """What adding an effect to a probe without it changes."""
-        if effect is EffectName.FINITE_SLIDING:
-            slips = largest_slip_share(base, self._full, self.scene)
-            if slips is None:
-                return Decision(effect, setting, True, None, "meshes that do not match need it")
-            slip, share = slips
-            words = f"surfaces slip by {slip:.2g} mm at most, {100 * share:.2g} % of a facet"
-            return Decision(effect, setting, True, Change(share, share, share), words)
-        self._told(str(effect))
+            return Decision(effect, off, True, None, _TOO_DEAR)
+        if effect is _SLIDING:
+            return self._sliding(off, self._base)
         try:
-            result = self._run(self._with(effect))
-        except LimitError:
-            return self._as_written(effect, setting)
+            moved = self._changed((effect,))
         except RefusedError as error:
-            possible = effect is not EffectName.ELASTIC_FRAME
-            reason = f"{'no probe' if possible else 'not possible here'}: {error}"
-            return Decision(effect, setting, possible, None, reason)
-        return Decision(
-            effect, setting, True, change(numbers_of(base), numbers_of(result)), "probe"
-        )
+            return Decision(effect, off, True, None, f"no static state without it: {error}")
+        return Decision(effect, off, True, moved, _TOO_DEAR if moved is None else "probe")
 
-    def _as_written(self, effect: EffectName, setting: str) -> Decision:
-        """No decision: the effect stays as the scene has it."""
-        return Decision(effect, setting, has_effect(self._full, effect), None, _TOO_DEAR)
+    def _sliding(self, off: tuple[KeyChange, ...], base: State) -> Decision:
+        """Decide about finite sliding by the slip of the probe, which is static and small."""
+        slips = largest_slip_share(base, self._full, self.scene)
+        if slips is None:
+            return Decision(_SLIDING, off, True, None, "meshes that do not match need it")
+        slip, share = slips
+        words = f"surfaces slip by {slip:.2g} mm at most, {100 * share:.2g} % of a facet"
+        return Decision(_SLIDING, off, True, Change(share, share, share), words)
 
-    def _with(self, effect: EffectName) -> DeformableScene:
-        """The probe with an effect of the scene."""
-        if effect in _SWITCHES:
-            return with_effect(self.scene, effect)
-        section = "contact" if effect in _GAPS else "effects"
-        value = getattr(getattr(self._full, section), effect)
-        result = self.scene.changed({f"{section}.{effect}": value})
-        if effect is EffectName.FRICTION:
-            result = result.changed({"contact.pairs": self._full.contact.pairs})
-        return result
-
-    def _damping(self, effect: EffectName, setting: str) -> Decision:
+    def _damping(self, effect: EffectName, off: tuple[KeyChange, ...]) -> Decision:
         """Decide about a viscous force: it is zero at rest, so no static state has it."""
         fem, at_rest = self._full.fem, Change(0.0, 0.0, 0.0)
         if fem.method is Method.STATIC:
-            return Decision(effect, setting, False, at_rest, "zero at rest: a static run")
+            return Decision(effect, off, False, at_rest, "zero at rest: a static run")
         if self._full.damping == "static":
-            return Decision(effect, setting, False, at_rest, "zero at rest, where this run ends")
+            return Decision(effect, off, False, at_rest, "zero at rest, where this run ends")
         reason = "this run is not driven to rest, so damping shapes its end"
-        return Decision(effect, setting, True, None, reason)
+        return Decision(effect, off, True, None, reason)

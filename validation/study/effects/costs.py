@@ -1,21 +1,17 @@
-"""What each effect changes in the answer of a tube, and what it costs.
+"""What each effect of a scene changes in its answer, and what it costs.
 
-The base has no effect at all. Each effect is added to it by itself. The answer is the state
-at which adaptive mass damping arrives; Rayleigh's mass damping takes the place of that. Costs
-are CPU times of the same number of steps, in turns with the base, the least of some rounds.
+The effects are those of the scene, switched off one at a time. The reference run is explicit, to
+its static state. Costs are CPU times of the same number of steps, with and without the effect in
+turns, the least of some rounds.
 """
 
 from __future__ import annotations
 
-import sys
 import time
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, field
-from functools import cached_property
 from pathlib import Path
 from typing import Any
-
-import numpy as np
 
 from fem.dynamics import stated_run
 from fem.explicit.output.checkpoint import state_arrays
@@ -23,94 +19,36 @@ from fem.explicit.solve import initial_state, prepare
 from fem.explicit.state import Lanes
 from fem.explicit.step import ExplicitSystem, step
 from fem.explicit.timed import TimedSystem
-from fem.system.effects import PAPER_RAYLEIGH
 from validation.build.cell import refuse_cell
 from validation.build.problem import fem_section, scene_problem
 from validation.case import scene_case
 from validation.errors import InputError, named
 from validation.run.deformable import deformable_answer, on_its_mesh
 from validation.run.probe import Numbers, change, numbers_of
-from validation.scene.deformable import (
-    BulkViscositySection,
-    EffectsSection,
-    FrictionSection,
-    Method,
-    RayleighSection,
-)
+from validation.scene.deformable import EffectName, Method
 from validation.scene.read import DeformableScene
+from validation.study.effects.switches import effects_of, key_changes, without_effect
 from validation.study.run import answered
 from validation.study.study import Study
 
 #: Steps of one timing, after as many for warming up; and rounds of which the least counts.
 TIMED_STEPS = 60
 ROUNDS = 3
-#: Standard gravity downward [mm/s²].
-GRAVITY = (0.0, 0.0, -9806.65)
-#: Clearance that is switched on where a scene has none [mm].
-CLEARANCE = 0.01
-#: Coefficient of friction that is switched on where a scene has none [-].
-FRICTION = 0.1
 #: Change beyond which an effect matters, where nothing else is said.
 TOLERANCE = 0.01
 #: Periods of the lowest excited mode that a run with constant critical damping is given.
 _PERIODS = 20.0
 
 
-def bare(scene: DeformableScene) -> DeformableScene:
-    """Return the scene without any effect, to be run explicitly to its static state."""
-    still = {"method": Method.EXPLICIT, "damping": "static", "frames": 0}
-    closed = {"clearance": 0.0, "spacing": 0.0, "pairs": ()}
-    return scene.changed({"fem": still, "contact": closed, "effects": EffectsSection()})
+def to_rest(scene: DeformableScene) -> DeformableScene:
+    """Return the scene as an explicit run that arrives at rest.
 
-
-def effects_of(scene: DeformableScene, mass_damping: float) -> tuple[tuple[Any, ...], ...]:
-    """Every effect with the scene's own value, or a usual one where the scene has none.
-
-    Name, the value that is switched on, what it changes in the scene by place, and a note.
+    Mass-proportional damping takes the place of the adaptive one.
     """
-    own = scene.effects
-    rayleigh = own.rayleigh or RayleighSection()
-    beta = rayleigh.stiffness_proportional or PAPER_RAYLEIGH.stiffness_proportional or 0.0
-    viscosity = own.bulk_viscosity or BulkViscositySection()
-    b1, b2 = viscosity.linear_bulk_viscosity, viscosity.quadratic_bulk_viscosity
-    friction = own.friction or FrictionSection(coefficient=FRICTION)
-    gravity = own.gravity or GRAVITY
-    clearance = scene.contact.clearance or CLEARANCE
-    damped = RayleighSection(mass_proportional=mass_damping)
-    by_rate = RayleighSection(stiffness_proportional=beta)
-    critical = "critical for the lowest excited mode; in place of adaptive damping"
-    return (
-        (
-            "friction",
-            f"μ = {friction.coefficient:g}",
-            {"effects.friction": friction, "contact.pairs": scene.contact.pairs},
-            "",
-        ),
-        (
-            "Rayleigh mass",
-            f"α = {mass_damping:.3g} /s",
-            {"fem.damping": None, "effects.rayleigh": damped},
-            critical,
-        ),
-        ("Rayleigh stiffness", f"β = {beta:g} s", {"effects.rayleigh": by_rate}, ""),
-        ("bulk viscosity", f"b₁ = {b1:g}, b₂ = {b2:g}", {"effects.bulk_viscosity": viscosity}, ""),
-        ("finite rotation", "on", {"effects.finite_rotation": True}, ""),
-        ("finite sliding", "on", {"effects.finite_sliding": True}, ""),
-        ("frame elasticity", "on", {"effects.elastic_frame": True}, ""),
-        ("clearance", f"{clearance:g} mm", {"contact.clearance": clearance}, ""),
-        ("gravity", f"{abs(gravity[2]):g} mm/s² down", {"effects.gravity": gravity}, ""),
-    )
-
-
-def compiled_forms() -> frozenset[tuple[str, str]]:
-    """Compiled functions of the solver and the signatures they have been compiled for so far."""
-    result = set()
-    for name, module in list(sys.modules.items()):
-        if name.startswith("fem."):
-            for value in list(vars(module).values()):
-                for form in getattr(value, "nopython_signatures", ()):
-                    result.add((value.__name__, str(form)))
-    return frozenset(result)
+    rayleigh = scene.effects.rayleigh
+    by_mass = rayleigh is not None and rayleigh.mass_proportional is not None
+    damping = None if by_mass else "static"
+    return scene.changed({"fem": {"method": Method.EXPLICIT, "damping": damping}})
 
 
 def _stated(scene: DeformableScene, name: str) -> TimedSystem:
@@ -133,12 +71,6 @@ def advance(system: ExplicitSystem, state: Lanes) -> float:
     return (time.thread_time() - start) / TIMED_STEPS
 
 
-def _bits(scene: DeformableScene, name: str) -> bytes:
-    system, state = ready(scene, name)
-    advance(system, state)
-    return b"".join(now.displacement.tobytes() for now in state.bodies)
-
-
 def _bytes(system: ExplicitSystem, state: Lanes) -> int:
     arrays = sum(a.nbytes for a in state_arrays(system, state).values())
     return arrays + sum(body.constant_bytes for body in system.bodies)
@@ -146,7 +78,7 @@ def _bytes(system: ExplicitSystem, state: Lanes) -> int:
 
 @dataclass(frozen=True)
 class EffectStudy(Study):
-    """A deformable tube without any effect, and with one at a time: answers, and costs of a step.
+    """A deformable tube with all its effects, and without one at a time: answers, costs of a step.
 
     Costs of an effect are over those without it in the same process.
     """
@@ -154,47 +86,40 @@ class EffectStudy(Study):
     base: DeformableScene = field(kw_only=True)
     answers: bool = field(kw_only=True)
     """Whether runs to the static state are made: else costs alone."""
-    effects: tuple[tuple[Any, ...], ...] = field(kw_only=True)
-    """As `effects_of` gives them."""
+    effects: tuple[EffectName, ...] = field(kw_only=True)
+    """Those of the base."""
     times: dict[str, float] = field(kw_only=True)
-    """``ramp_time`` and ``end_time`` [s] of a run with an effect; the second where no adaptive
-    damping ends it."""
+    """``ramp_time`` and ``end_time`` [s] of all runs; the second where no adaptive damping ends
+    it."""
 
     def content(self, number: int) -> Any:
         """Return scene, effect and times."""
-        changed = self._scene(number).model_dump(mode="json")
+        changed = self.scene(number).model_dump(mode="json")
         return [self.base.model_dump(mode="json"), changed, self.answers]
 
-    def _scene(self, number: int) -> DeformableScene:
-        """Scene of a design; the first has no effect."""
-        if number == 0:
-            return self.base
-        scene, times = self.base.changed(self.effects[number - 1][2]), dict(self.times)
+    def scene(self, number: int) -> DeformableScene:
+        """Scene of a design; the first has all effects."""
+        scene, times = self.base, dict(self.times)
+        if number > 0:
+            scene = to_rest(without_effect(scene, self.effects[number - 1]))
         if scene.fem.damping is not None:
             del times["end_time"]
         return scene.changed({"fem": times})
 
-    @cached_property
-    def _first_bits(self) -> bytes:
-        """Bits of the base before any effect was on in this process."""
-        return _bits(self.base, self.name)
-
     def results(self, number: int) -> tuple[dict[str, Any], list[str]]:
         """Costs of a design and, where asked for, its answer."""
-        scene, first_bits = self._scene(number), self._first_bits
+        scene, base = self.scene(number), self.scene(0)
         if number == 0:
             system, state = ready(scene, self.name)
             cost: dict[str, Any] = {"bytes": _bytes(system, state)}
-        else:
-            cost, bits = _measured(scene, self.base, self.name)
-            effect, setting, _, note = self.effects[number - 1]
-            cost |= {"name": effect, "setting": setting, "note": note}
-            cost["same_bits"] = bits == first_bits
-        answer = None
-        if self.answers:
-            answer = asdict(_answer(scene, self.name, arrives=number == 0))
-        if number == 0:
+            advance(system, state)
             cost["seconds_per_step"] = min(advance(system, state) for _ in range(ROUNDS))
+        else:
+            effect = self.effects[number - 1]
+            changes = [change.as_json() for change in key_changes(base, scene)]
+            cost = {"name": effect.replace("_", " "), "changes": changes}
+            cost |= _measured(base, scene, self.name)
+        answer = asdict(_answer(scene, self.name)) if self.answers else None
         return {"cost": cost, "answer": answer}, []
 
 
@@ -209,34 +134,40 @@ def effect_costs(
 ) -> dict[str, Any]:
     """Measure every effect of a deformable tube, and tell what was measured.
 
-    An effect matters where it changes one of p_max, p_eff or the largest displacement by more than
-    the tolerance. Without ``answers``, no runs to the static state are made: costs alone. The
-    store, a file of rows, keeps what was measured.
+    An effect matters where p_max, p_eff or the largest displacement change by more than the
+    tolerance without it. Without ``answers``, no runs to the static state are made: costs alone.
+    The store, a file of rows, keeps what was measured.
 
     Returns
     -------
     dict[str, Any]
-        Of the scene without effects, p_max, p_eff [MPa] and displacement [mm], CPU time of a step
-        [s] and bytes of state and constants. ``costs``: for each effect the change of the three
-        [%], and time of a step, memory and critical time step over those without it; how many
-        compiled forms it needed that nothing before it had; how many forms the base compiled when
-        it ran again after it, zero if off is absent; and whether the base then gave the same bits.
+        ``changes``: keys in which the reference run differs from the scene, each with ``key``,
+        ``from`` and ``to``. Of the reference run p_max, p_eff [MPa] and displacement [mm], CPU time
+        of a step [s] and bytes of state and constants. ``costs``: for each effect the keys that
+        switch it off, what that changes of the three [%], and time of a step, memory and critical
+        time step with it over those without it.
     """
     fem_section(scene, name)
     refuse_cell(scene, name, "effects")
-    base = bare(scene)
+    effects = effects_of(scene)
+    if not effects:
+        raise InputError(
+            f"{name}: got a scene without effects, where there is none to switch off; expected one "
+            "at least, such as --set effects.friction=0.3"
+        )
+    base = to_rest(scene)
     statement = _stated(base, name)
     assert statement.recommended is not None  # blocks meet
     frequency, ramp = statement.recommended.frequency, statement.ramp_time
-    effects = effects_of(base, 4.0 * np.pi * frequency)
+    end = base.fem.end_time or ramp + _PERIODS / frequency
     study = EffectStudy(
         name,
         "fem",
-        (("effect", ("no effect", *(effect for effect, *_ in effects))),),
+        (("effect", ("all", *map(str, effects))),),
         base=base,
         answers=answers,
         effects=effects,
-        times={"ramp_time": ramp, "end_time": ramp + _PERIODS / frequency},
+        times={"ramp_time": ramp, "end_time": end},
     )
     plain, *rows = answered(study, store, told)
     costs = []
@@ -250,6 +181,7 @@ def effect_costs(
     return {
         "scene": name,
         "load": scene.load_words,
+        "changes": [change.as_json() for change in key_changes(scene, study.scene(0))],
         "tolerance": tolerance,
         **plain["cost"],
         **(plain["answer"] or {}),
@@ -257,13 +189,13 @@ def effect_costs(
     }
 
 
-def _answer(scene: DeformableScene, name: str, *, arrives: bool = False) -> Numbers:
-    """Numbers of an explicit run, which ``arrives`` at its static state or is rejected."""
+def _answer(scene: DeformableScene, name: str) -> Numbers:
+    """Numbers of an explicit run, which arrives at its static state or is rejected."""
     solved = deformable_answer(on_its_mesh(scene_case(scene, name))).details
     run = solved.run
     assert run is not None
     stopped = str(run.status) == "stopped"
-    if stopped or (arrives and str(run.status) != "converged"):
+    if stopped or (scene.damping == "static" and str(run.status) != "converged"):
         remedy = "a larger limit of work (fem.max_work)" if stopped else "a larger fem.end_time"
         raise InputError(
             f"{name}: a run did not arrive at its static state by {run.time:.3g} s; expected "
@@ -272,26 +204,16 @@ def _answer(scene: DeformableScene, name: str, *, arrives: bool = False) -> Numb
     return numbers_of(solved)
 
 
-def _measured(
-    scene: DeformableScene, base: DeformableScene, name: str
-) -> tuple[dict[str, Any], bytes]:
-    """Costs of a scene with one effect over those of the base, and the base's bits after it."""
-    before = compiled_forms()
+def _measured(scene: DeformableScene, without: DeformableScene, name: str) -> dict[str, float]:
+    """Costs of a scene over those without one of its effects."""
     system, state = ready(scene, name)
+    plain_system, plain_state = ready(without, name)
     advance(system, state)
-    new = len(compiled_forms() - before)
-    before = compiled_forms()
-    bits = _bits(base, name)
-    again = len(compiled_forms() - before)
-    plain_system, plain_state = ready(base, name)
     advance(plain_system, plain_state)
     rounds = [(advance(plain_system, plain_state), advance(system, state)) for _ in range(ROUNDS)]
     plain, mine = (min(column) for column in zip(*rounds, strict=True))
-    row = {
+    return {
         "step": mine / plain,
         "memory": _bytes(system, state) / _bytes(plain_system, plain_state),
         "time_step": system.time_step / plain_system.time_step,
-        "new_forms": new,
-        "off_compiles": again,
     }
-    return row, bits

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +16,7 @@ from validation.scene.deformable import parse_share
 from validation.scene.read import DeformableScene
 from validation.study.effects.auto import EffectsDecision, decide_effects
 from validation.study.effects.costs import TOLERANCE
+from validation.study.effects.switches import KeyChange
 
 #: Name of the figure.
 PICTURE = "effects.png"
@@ -57,10 +58,9 @@ def _change(key: str) -> Callable[[Mapping[str, Any]], str]:
     return words
 
 
-def _absent(cost: Mapping[str, Any]) -> str:
-    if cost["off_compiles"] or not cost["same_bits"]:
-        return f"CHANGED: {cost['off_compiles']} new forms, bitwise equal: {cost['same_bits']}"
-    return f"unchanged ({cost['new_forms']})"
+def _keys(changes: Sequence[Mapping[str, Any]]) -> str:
+    """Changed keys: key, from, to."""
+    return ", ".join(KeyChange(c["key"], c["from"], c["to"]).words for c in changes)
 
 
 def effects_table(measured: Mapping[str, Any]) -> Table:
@@ -72,28 +72,27 @@ def effects_table(measured: Mapping[str, Any]) -> Table:
         )
     matters = f"> {100 * measured['tolerance']:.3g} %"
     columns: dict[str, str | Callable[[Mapping[str, Any]], str]] = {
-        "effect": "{name}",
-        "on": "{setting}",
+        "without": "{name}",
         **{head: _change(key) for key, head in _CHANGES.items()},
         matters: lambda cost: {True: "yes", False: "no", None: "–"}[cost["matters"]],
         "CPU time": "× {step:.2f}",
         "memory": "× {memory:.2f}",
         "Δt": "× {time_step:.2f}",
-        "switched off": _absent,
     }
+    off = "\n".join(f"without {c['name']}: {_keys(c['changes'])}" for c in measured["costs"])
     table = tabled(
-        f"{measured['scene']}: one effect at a time added to the reference run\n"
-        f"without: {answer}{1e6 * measured['seconds_per_step']:.1f} CPU µs per step, "
+        f"{measured['scene']}: its effects switched off one at a time\n"
+        f"reference run ({_keys(measured['changes']) or 'the scene'}): "
+        f"{answer}{1e6 * measured['seconds_per_step']:.1f} CPU µs per step, "
         f"{measured['bytes'] / 2**20:.2f} MiB",
         measured["costs"],
         columns,
         words=len(columns),
-        caption=f"{matters}: changes one of p_max, p_eff, u by more. CPU time: factor per step. "
-        "Switched off: the reference run is bitwise unchanged and compiles nothing new "
-        "(in brackets: compiled forms of the effect).",
+        caption=f"{matters}: without it, one of p_max, p_eff, u changes by more. CPU time of a "
+        f"step, memory, Δt: with the effect over without it.\n{off}",
         caption_justify="left",
     )
-    for column in (0, 2, 3, 4):
+    for column in (0, 1, 2, 3):
         table.columns[column].no_wrap = True
     return table
 
@@ -132,16 +131,18 @@ def draw_effects(measured: Mapping[str, Any], path: Path) -> None:
         axes.grid(axis="x", alpha=0.3)
     left.set_xscale("symlog", linthresh=0.01)
     left.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-    left.set_xlabel("change of the static answer [%] (linear within ±0.01 %)")
+    left.set_xlabel("change without the effect [%] (linear within ±0.01 %)")
     left.axvline(0.0, color="black", linewidth=0.8)
-    left.set_yticks(list(rows), ["{name}\n{setting}".format(**cost) for cost in costs])
+    left.set_yticks(list(rows), [f"without {cost['name']}" for cost in costs])
     left.tick_params(axis="both", labelsize=8)
     left.invert_yaxis()
     right.set_xscale("log")
     right.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"× {value:g}"))
     right.xaxis.set_minor_formatter(twos_and_fives(lambda value: f"× {value:g}"))
-    right.set_xlabel("over the run without effects [–]")
+    right.set_xlabel("with the effect over without it [–]")
     right.axvline(1.0, color="black", linewidth=0.8)
     title = f"{measured['scene']}: {measured['load']}; explicit FEM"
-    figure.suptitle(f"{title}, one effect at a time added", x=0.02, ha="left", fontsize="medium")
+    figure.suptitle(
+        f"{title}, effects switched off one at a time", x=0.02, ha="left", fontsize="medium"
+    )
     save_figure(figure, path)

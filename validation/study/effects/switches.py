@@ -1,0 +1,81 @@
+"""The effects of a scene, switched off one at a time; what that changes in its keys."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from validation.scene.deformable import EffectName
+from validation.scene.keys.toml_text import toml_value
+from validation.scene.read import DeformableScene
+from validation.study.study import flat
+
+#: Effects that are on or off, without a value.
+_SWITCHES = (EffectName.ELASTIC_FRAME, EffectName.FINITE_ROTATION, EffectName.FINITE_SLIDING)
+#: Effects that ``[contact]`` names.
+_GAPS = (EffectName.CLEARANCE, EffectName.SPACING)
+
+
+def has_effect(scene: DeformableScene, effect: EffectName) -> bool:
+    """Whether a scene has an effect."""
+    if effect in _GAPS:
+        return bool(getattr(scene.contact, effect) > 0.0)
+    if effect is EffectName.FRICTION and any(pair.friction for pair in scene.contact.pairs):
+        return True
+    return bool(getattr(scene.effects, effect))
+
+
+def effects_of(scene: DeformableScene) -> tuple[EffectName, ...]:
+    """Effects of a scene."""
+    return tuple(effect for effect in EffectName if has_effect(scene, effect))
+
+
+def without_effect(scene: DeformableScene, effect: EffectName) -> DeformableScene:
+    """Scene without an effect."""
+    if effect in _GAPS:
+        return scene.changed({f"contact.{effect}": 0.0})
+    if effect is EffectName.FRICTION:
+        pairs = scene.contact.frictionless_pairs
+        return scene.changed({"effects.friction": None, "contact.pairs": pairs})
+    return scene.changed({f"effects.{effect}": False if effect in _SWITCHES else None})
+
+
+@dataclass(frozen=True)
+class KeyChange:
+    """A key of a scene with its value before and after; None: it has none."""
+
+    key: str
+    before: Any
+    after: Any
+
+    @property
+    def words(self) -> str:
+        """Key, from, to."""
+        return f"{self.key} {_text(self.before)} → {_text(self.after)}"
+
+    def as_json(self) -> dict[str, Any]:
+        """Plain data."""
+        return {"key": self.key, "from": self.before, "to": self.after}
+
+
+def _text(value: Any) -> str:
+    """Value as TOML, numbers to six digits."""
+    if value is None:
+        return "none"
+    return f"{value:.6g}" if isinstance(value, float) else toml_value(value)
+
+
+def key_changes(before: DeformableScene, after: DeformableScene) -> tuple[KeyChange, ...]:
+    """What differs between two scenes."""
+    old, new = _values(before), _values(after)
+    return tuple(
+        KeyChange(key, old.get(key), new.get(key))
+        for key in dict.fromkeys([*old, *new])
+        if old.get(key) != new.get(key)
+    )
+
+
+def _values(scene: DeformableScene) -> Mapping[str, Any]:
+    """Values of all keys, defaults included."""
+    return {key: v for key, v in flat(scene.model_dump(mode="json")) if v is not None}
