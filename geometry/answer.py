@@ -616,8 +616,11 @@ def largest_facet_mean(assembly: AnyBlocks, contacts: Mapping[str, Array]) -> Me
         return Measure(0.0, "MPa")
     worst = first_largest(pressures)
     m, s = contacts["blocks"][worst].tolist()
-    face = str(contacts["side"][worst, 0]) if "side" in contacts else ""
-    where = place(assembly, (m, s), contacts["centroid"][worst], face or None)
+    face = None
+    if isinstance(assembly, Assembly):  # of one facet: names of all take long
+        at = contacts["facet"][worst, :1]
+        face = str(_face_names(assembly, np.array([m]), at)[0]) or None
+    where = place(assembly, (m, s), contacts["centroid"][worst], face)
     where["facet_area"] = float(contacts["area"][worst])
     return Measure(float(pressures.max()), "MPa", place=where)
 

@@ -13,6 +13,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from itertools import chain
 from typing import TypeAlias, TypeVar
 
 import numpy as np
@@ -41,6 +42,9 @@ from geometry.parts.regions import (
 from geometry.parts.supports import HeldFace
 
 Values = TypeVar("Values", FloatArray, IntArray)
+
+#: Facets that are placed at once where only their sums over blocks are asked for.
+_AT_ONCE = 2**16
 
 
 class LoadCaseError(RefusedError):
@@ -246,18 +250,39 @@ class LoadCase(ReadOnlyArrays):
         return self._all("forces", np.zeros((0, 3)))
 
     @cached_property
+    def _on_blocks(self) -> FloatArray:
+        """Force, moment about the mass centroid, and sizes of forces, summed over facets; (n, 7).
+
+        Of many facets a part at a time, none of which is kept.
+        """
+        n, means = self.assembly.n_blocks, None
+        if self.without_couple:
+            means = surface_means(self.assembly)  # type: ignore[arg-type]
+        total = np.zeros((n, 7))
+        parts: Iterator[LoadedFacets | LoadedEdges | NodeForces]
+        parts = chain(self._face_parts(), self.edges, self.nodes)
+        for part in parts:
+            force = part.forces
+            arm = part.centroids if means is None else means[part.block]
+            moment = np.cross(arm - self.assembly.centroids[part.block], force)
+            size = np.linalg.norm(force, axis=1)
+            # Column by column: several times faster than `np.add.at`.
+            for k, column in enumerate((*force.T, *moment.T, size)):
+                total[:, k] += np.bincount(part.block, column, n)
+        return total
+
+    def _face_parts(self) -> Iterator[LoadedFacets]:
+        for load in self.faces:
+            yield from _placed_facets(self.assembly, load)  # type: ignore[arg-type]
+
+    @property
     def wrenches(self) -> FloatArray:
         """Force and moment about each block's mass centroid, (n_blocks, 6) [N, N mm].
 
         Facet forces act at `centroids`, as in Algorithm 1 of the paper.
         """
-        force, n = self.facet_forces, self.assembly.n_blocks
-        arm = self.centroids - self.assembly.centroids[self.block]
-        wrench = np.zeros((n, 6)) if self.body_wrenches is None else self.body_wrenches.copy()
-        # Column by column: several times faster than `np.add.at`.
-        for k, column in enumerate(np.hstack([force, np.cross(arm, force)]).T):
-            wrench[:, k] += np.bincount(self.block, column, n)
-        return wrench
+        wrench = self._on_blocks[:, :6]
+        return wrench if self.body_wrenches is None else self.body_wrenches + wrench
 
     @property
     def acting(self) -> FloatArray:
@@ -265,12 +290,10 @@ class LoadCase(ReadOnlyArrays):
 
         Forces that balance each other count.
         """
-        sizes = np.linalg.norm(self.facet_forces, axis=1)
-        # Of no facets the count is of integers.
-        result = np.bincount(self.block, sizes, self.assembly.n_blocks).astype(np.float64)
-        if self.body_wrenches is not None:
-            result += np.linalg.norm(self.body_wrenches[:, :3], axis=1)
-        return result
+        sizes = self._on_blocks[:, 6]
+        if self.body_wrenches is None:
+            return sizes
+        return sizes + np.linalg.norm(self.body_wrenches[:, :3], axis=1)
 
     def with_wrenches(self, wrenches: FloatArray | None) -> LoadCase:
         """Return the load with forces and moments on whole blocks on top; None: itself.
@@ -296,8 +319,11 @@ class LoadCase(ReadOnlyArrays):
     @property
     def largest_traction(self) -> float:
         """Largest component of what acts on a face [MPa]."""
-        values = [f.pressure if f.tractions is None else f.tractions for f in self.facets]
-        return max((float(np.abs(value).max(initial=0.0)) for value in values), default=0.0)
+        values = (
+            load.pressure if isinstance(load, PressureLoad) else load.traction
+            for load in self.faces
+        )
+        return max((float(np.abs(value).max()) for value in values), default=0.0)
 
 
 def _parts(assembly: Assembly, load: FaceLoad) -> Iterator[tuple[IntArray, QuadSurface]]:
@@ -312,25 +338,35 @@ def _parts(assembly: Assembly, load: FaceLoad) -> Iterator[tuple[IntArray, QuadS
         yield np.array([block]), QuadSurface(nodes, region_quads(assembly, block, load.face))
 
 
+def _placed_facets(assembly: Assembly, load: FaceLoad) -> Iterator[LoadedFacets]:
+    """Facets of one face of several blocks, placed, some blocks at a time."""
+    for blocks, surface in _parts(assembly, load):
+        n = surface.n_facets
+        for copies in np.array_split(blocks, -(-len(blocks) * n // _AT_ONCE) or 1):
+            turn = assembly.rotations[copies]
+            middle = np.einsum("bij,fj->bfi", turn, surface.centroids)
+            middle = (middle + assembly.translations[copies, None, :]).reshape(-1, 3)
+            yield LoadedFacets(
+                block=np.repeat(copies, n),
+                quads=np.tile(surface.quads, (len(copies), 1)),
+                centroids=middle,
+                area_vectors=np.einsum("bij,fj->bfi", turn, surface.area_vectors).reshape(-1, 3),
+                tractions=load.tractions(assembly, middle),
+                pressure=load.pressure if isinstance(load, PressureLoad) else 0.0,
+            )
+
+
 def _loaded_facets(assembly: Assembly, load: FaceLoad) -> LoadedFacets:
     """Facets of one face of several blocks, placed."""
-    block, quads, centroids, vectors = [], [], [], []
-    for copies, surface in _parts(assembly, load):
-        turn = assembly.rotations[copies]
-        block.append(np.repeat(copies, surface.n_facets))
-        quads.append(np.tile(surface.quads, (len(copies), 1)))
-        placed = np.einsum("bij,fj->bfi", turn, surface.centroids)
-        placed += assembly.translations[copies, None, :]
-        centroids.append(placed.reshape(-1, 3))
-        vectors.append(np.einsum("bij,fj->bfi", turn, surface.area_vectors).reshape(-1, 3))
-    middle = np.concatenate(centroids)
-    return LoadedFacets(
-        block=np.concatenate(block),
-        quads=np.concatenate(quads),
-        centroids=middle,
-        area_vectors=np.concatenate(vectors),
-        tractions=load.tractions(assembly, middle),
-        pressure=load.pressure if isinstance(load, PressureLoad) else 0.0,
+    parts = list(_placed_facets(assembly, load))
+    tractions = [part.tractions for part in parts if part.tractions is not None]
+    return replace(
+        parts[0],
+        block=np.concatenate([part.block for part in parts]),
+        quads=np.concatenate([part.quads for part in parts]),
+        centroids=np.concatenate([part.centroids for part in parts]),
+        area_vectors=np.concatenate([part.area_vectors for part in parts]),
+        tractions=np.concatenate(tractions) if tractions else None,
     )
 
 

@@ -90,6 +90,10 @@ class SeparateWrenches(ReadOnlyArrays):
         """Gap rates (n_contacts,) of relative motions of the pairs (n_pairs, 6)."""
         return np.einsum("ci,ci->c", self.wrenches, motion[self.pair_of])
 
+    def condensed_rates(self, motions: FloatArray) -> FloatArray:
+        """Gap rates (n_contacts, k) of relative motions of the pairs (n_pairs, 6, k)."""
+        return np.einsum("ci,cik->ck", self.wrenches, motions[self.pair_of])
+
     def sums(self, forces: FloatArray) -> FloatArray:
         """Wrenches of the pairs (n_pairs, 6) from contact forces (n_contacts,)."""
         return self._sums(self.wrenches * forces[:, None])
@@ -97,6 +101,10 @@ class SeparateWrenches(ReadOnlyArrays):
     def squares(self, weights: FloatArray) -> FloatArray:
         """Sums Σ w g gᵀ over the contacts of each pair, (n_pairs, 6, 6)."""
         return _symmetric(self._sums(self._products * weights[:, None]))
+
+    def of_pair(self, pair: int) -> FloatArray:
+        """Wrenches of the contacts of one pair, (n, 6)."""
+        return self.wrenches[self.pair_start[pair] : self.pair_start[pair + 1]]
 
     def separate(self) -> SeparateWrenches:
         """Return itself."""
@@ -119,6 +127,11 @@ class PairKind(ReadOnlyArrays):
         """Upper triangles of g gᵀ, (n, 21)."""
         return _upper_products(self.wrenches)
 
+    @cached_property
+    def triangle(self) -> FloatArray:
+        """At most six wrenches with the same Σ g gᵀ, (≤ 6, 6)."""
+        return np.linalg.qr(self.wrenches, mode="r")
+
 
 @dataclass(frozen=True)
 class CongruentWrenches(ReadOnlyArrays):
@@ -140,6 +153,11 @@ class CongruentWrenches(ReadOnlyArrays):
             rates[kind.contacts] = motion[kind.pairs] @ kind.wrenches.T
         return rates
 
+    def condensed_rates(self, motions: FloatArray) -> FloatArray:
+        """Rows (n, k) with the products of the gap rates of relative motions (n_pairs, 6, k)."""
+        rows = [kind.triangle @ motions[kind.pairs] for kind in self.kinds]
+        return np.concatenate([row.reshape(-1, motions.shape[2]) for row in rows])
+
     def sums(self, forces: FloatArray) -> FloatArray:
         """Wrenches of the pairs (n_pairs, 6) from contact forces (n_contacts,)."""
         total = np.empty((len(self.pair_start) - 1, 6))
@@ -153,6 +171,18 @@ class CongruentWrenches(ReadOnlyArrays):
         for kind in self.kinds:
             upper[kind.pairs] = weights[kind.contacts] @ kind.products
         return _symmetric(upper)
+
+    @cached_property
+    def _kind_of(self) -> IntArray:
+        """Kind of each pair, (n_pairs,)."""
+        kind_of = np.empty(len(self.pair_start) - 1, dtype=np.intp)
+        for number, kind in enumerate(self.kinds):
+            kind_of[kind.pairs] = number
+        return kind_of
+
+    def of_pair(self, pair: int) -> FloatArray:
+        """Wrenches of the contacts of one pair, (n, 6)."""
+        return self.kinds[self._kind_of[pair]].wrenches
 
     def separate(self) -> SeparateWrenches:
         """Return the same contacts one by one, each in the frame of its pair."""
@@ -244,6 +274,14 @@ class ContactJacobian(ReadOnlyArrays):
         """Gᵀ δq, (n_contacts,)."""
         return self.contacts.rates((self._relative @ virtual_displacement).reshape(-1, 6))
 
+    def condensed_rates(self, directions: FloatArray) -> FloatArray:
+        """Rows (n, k) whose products are those of Gᵀ times some directions (6 n_free, k).
+
+        Congruent pairs need six rows each, however many contacts they have.
+        """
+        n_pairs, n = len(self.row_m), directions.shape[1]
+        return self.contacts.condensed_rates((self._relative @ directions).reshape(n_pairs, 6, n))
+
     def resultant(self, forces: FloatArray) -> FloatArray:
         """G λ, (6 n_free,)."""
         return self._transfer @ self.contacts.sums(forces).ravel()
@@ -323,6 +361,28 @@ class ContactJacobian(ReadOnlyArrays):
             return x[scatter]
 
         return solve
+
+    @cached_property
+    def _pairs_of_blocks(self) -> tuple[IntArray, IntArray]:
+        """Sides of pairs sorted by free block, then by pair, and the first of each block.
+
+        Side 2 k is block m of pair k, 2 k + 1 its block s; sides of fixed blocks are left out.
+        """
+        moves = [transfer.any(axis=(1, 2)) for transfer in (self.transfer_m, self.transfer_s)]
+        blocks = np.column_stack([self.row_m, self.row_s]).ravel()
+        blocks = np.where(np.column_stack(moves).ravel(), blocks, self.n_free)
+        sides = np.argsort(blocks, kind="stable")
+        return sides, np.searchsorted(blocks[sides], np.arange(self.n_free + 1))
+
+    def wrenches_on(self, block: int) -> FloatArray:
+        """Columns of the contacts of one free block in its rows of G, (6, n)."""
+        sides, first = self._pairs_of_blocks
+        columns = [np.zeros((6, 0))]
+        for side in sides[first[block] : first[block + 1]].tolist():
+            pair, of_s = divmod(side, 2)
+            transfer = self.transfer_s[pair] if of_s else -self.transfer_m[pair]
+            columns.append(transfer @ self.contacts.of_pair(pair).T)
+        return np.hstack(columns)
 
     def to_matrix(self) -> scipy.sparse.csc_array:
         """G as a sparse matrix, (6 n_free, n_contacts)."""

@@ -20,7 +20,6 @@ from typing import Any
 
 import numpy as np
 import scipy.linalg
-import scipy.sparse
 
 from geometry.mesh import FloatArray, ReadOnlyArrays
 from mbd.contact_jacobian import ContactJacobian
@@ -179,7 +178,7 @@ def smallest_singular_pair(jacobian: ContactJacobian) -> tuple[float, FloatArray
     subspace = np.linalg.qr(jacobian.admissible(subspace))[0]
     for _ in range(8):
         subspace = np.linalg.qr(jacobian.admissible(solve(subspace)))[0]
-    rates = np.column_stack([jacobian.gap_rates(v) for v in subspace.T])
+    rates = jacobian.condensed_rates(subspace)
     # The triangle of the tall matrix has its singular values and right vectors.
     _, values, right = np.linalg.svd(np.linalg.qr(rates, mode="r"))
     vector: FloatArray = subspace @ right[-1]
@@ -257,13 +256,12 @@ def single_motion(jacobian: ContactJacobian, load: FloatArray) -> FloatArray | N
     # Loaded here: assemblies of few blocks do without.
     from scipy.optimize import nnls
 
-    matrix = scipy.sparse.csr_array(jacobian.to_matrix())
     for first in range(0, len(load), 6):
-        own, pushed = matrix[first : first + 6], load[first : first + 6]
+        pushed = load[first : first + 6]
         size = load_size(pushed)
         if size == 0.0:
             continue
-        wrenches = own[:, np.unique(own.indices)].toarray()
+        wrenches = jacobian.wrenches_on(first // 6)
         forces, rest = nnls(wrenches, -pushed / size)
         if rest <= EQUILIBRIUM_TOLERANCE:
             continue

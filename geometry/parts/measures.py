@@ -15,8 +15,7 @@ Reference: Heyman, The Stone Skeleton, Int. J. Solids Structures 2 (1966), secti
 
 from __future__ import annotations
 
-import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -172,6 +171,8 @@ def facet_measures(
     return per_block, measures(per_block, eligible[free], areas[free])
 
 
+#: Contact points whose forces are summed at once: many make large arrays.
+_AT_ONCE = 2**16
 #: Normal forces below this part of the largest force have no place where they act.
 _NO_PLACE = 1e-9
 
@@ -361,29 +362,38 @@ def summed_by_joint(
     numbers, joint = np.unique(blocks[:, 0] * many + blocks[:, 1], return_inverse=True)
     pairs = np.column_stack(np.divmod(numbers, many))
 
-    def total(values: FloatArray) -> FloatArray:
-        columns = values.reshape(len(joint), math.prod(values.shape[1:])).T
-        summed = np.stack([np.bincount(joint, column, len(pairs)) for column in columns], axis=-1)
-        return np.asarray(summed.reshape(-1, *values.shape[1:]), dtype=np.float64)
+    parts = [slice(k, k + _AT_ONCE) for k in range(0, len(joint), _AT_ONCE)]
 
-    area = total(areas)
-    middle = total(areas[:, None] * points) / area[:, None] if centroids is None else centroids
-    normal = total(areas[:, None] * normals)
+    def total(values: Callable[[slice], FloatArray], width: int) -> FloatArray:
+        """Sums over joints of values of some points, (n, width), a part of the points at a time."""
+        summed = np.zeros((len(pairs), width))
+        for part in parts:
+            for k, column in enumerate(values(part).T):
+                summed[:, k] += np.bincount(joint[part], column, len(pairs))
+        return summed
+
+    area = total(lambda i: areas[i, None], 1)
+    middle = centroids
+    if middle is None:
+        middle = total(lambda i: areas[i, None] * points[i], 3) / area
+    normal = total(lambda i: areas[i, None] * normals[i], 3)
     size = np.linalg.norm(normal, axis=1, keepdims=True)
     # Faces all around a block have no mean normal.
-    normal = np.divide(normal, size, out=np.zeros_like(normal), where=size > 1e-9 * area[:, None])
-    along = np.einsum("pi,pi->p", forces, normals)
-    moment = total(np.cross(points - middle[joint], forces))
+    normal = np.divide(normal, size, out=np.zeros_like(normal), where=size > 1e-9 * area)
+
+    def pressing(i: slice) -> FloatArray:
+        return np.einsum("pi,pi->p", forces[i], normals[i])[:, None]
+
     return JointResultants(
         block_m=pairs[:, 0],
         block_s=pairs[:, 1],
-        areas=area,
+        areas=area.ravel(),
         centroids=middle,
         normals=normal,
-        forces=total(forces),
-        moments=moment,
-        pressing=total(along),
-        along_faces=total(forces - along[:, None] * normals),
+        forces=total(lambda i: forces[i], 3),
+        moments=total(lambda i: np.cross(points[i] - middle[joint[i]], forces[i]), 3),
+        pressing=total(pressing, 1).ravel(),
+        along_faces=total(lambda i: forces[i] - pressing(i) * normals[i], 3),
     )
 
 

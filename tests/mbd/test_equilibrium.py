@@ -167,6 +167,45 @@ def test_pair_jacobian_equals_its_matrix(small_tube: Assembly) -> None:
     solve = fast.normal_solver(forces, 0.1)
     normal = (plain * forces) @ plain.T + 0.1 * sp.eye_array(fast.shape[0])
     np.testing.assert_allclose(normal @ solve(y), y, atol=1e-10 * np.abs(y).max())
+    motions = rng.standard_normal((fast.shape[0], 3))
+    rates, few = plain.T @ motions, fast.condensed_rates(motions)
+    assert len(few) < fast.shape[1] / 4
+    np.testing.assert_allclose(few.T @ few, rates.T @ rates, rtol=1e-12)
+    rows = plain.tocsr()
+    for block in range(fast.n_free):
+        own = rows[6 * block : 6 * block + 6]
+        touching = own[:, np.unique(own.indices)].toarray()
+        np.testing.assert_allclose(fast.wrenches_on(block), touching, atol=1e-14)
+
+
+def test_forces_on_blocks_do_not_depend_on_how_many_facets_are_placed_at_once(
+    small_tube: Assembly, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    load = named_load("pipe", 0.01).on(small_tube)
+    parts = named_load("shaft", 0.01).on(small_tube)
+    joints = analyse(small_tube, load=load).details.joints
+    for module in ("geometry.loads", "geometry.parts.measures"):
+        monkeypatch.setattr(f"{module}._AT_ONCE", 50)
+    for whole in (load, parts):
+        again = replace(whole, name="again")
+        scale = 1e-13 * np.abs(whole.wrenches).max()
+        np.testing.assert_allclose(again.wrenches, whole.wrenches, atol=scale)
+        np.testing.assert_allclose(again.acting, whole.acting, rtol=1e-13)
+        wrench = np.zeros((small_tube.n_blocks, 6))
+        arm = whole.centroids - small_tube.centroids[whole.block]
+        np.add.at(
+            wrench,
+            whole.block,
+            np.hstack([whole.facet_forces, np.cross(arm, whole.facet_forces)]),
+        )
+        np.testing.assert_allclose(whole.wrenches, wrench, atol=10.0 * scale)
+    small = analyse(small_tube, load=load).details.joints
+    size = np.abs(joints.forces).max()
+    np.testing.assert_allclose(small.forces, joints.forces, atol=1e-12 * size)
+    np.testing.assert_allclose(small.normal_force, joints.normal_force, atol=1e-12 * size)
+    np.testing.assert_allclose(small.shear_force, joints.shear_force, atol=1e-12 * size)
+    moment = size * small_tube.characteristic_length
+    np.testing.assert_allclose(small.moments, joints.moments, atol=1e-12 * moment)
 
 
 def test_gap_rates_are_the_derivative_of_the_gap(small_tube: Assembly) -> None:

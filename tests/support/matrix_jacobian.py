@@ -43,6 +43,15 @@ class MatrixJacobian:
         """Gᵀ δq, (n_contacts,)."""
         return self.matrix.T @ virtual_displacement
 
+    def wrenches_on(self, block: int) -> FloatArray:
+        """Columns that are not zero in six rows, (6, n)."""
+        own = self.matrix.toarray()[6 * block : 6 * block + 6]
+        return own[:, own.any(axis=0)]
+
+    def condensed_rates(self, directions: FloatArray) -> FloatArray:
+        """Gᵀ times some directions (n_rows, k): all rows, (n_contacts, k)."""
+        return self.matrix.T @ directions
+
     def resultant(self, forces: FloatArray) -> FloatArray:
         """G λ, (n_rows,)."""
         return self.matrix @ forces
