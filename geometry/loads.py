@@ -64,7 +64,7 @@ class PressureLoad(ReadOnlyArrays):
     follows_block: bool = False
     """Whether it turns with its block, in explicit runs with finite rotation; else it is dead."""
 
-    def tractions(self, assembly: Assembly, centroids: FloatArray) -> None:  # noqa: ARG002
+    def tractions(self, assembly: Assembly, points: FloatArray) -> None:  # noqa: ARG002
         """None: a pressure acts along each facet's own normal."""
         return
 
@@ -79,10 +79,12 @@ class TractionLoad(ReadOnlyArrays):
     """Name of the face, or where on the surface."""
     traction: FloatArray
     """World axes, (3,) [MPa]."""
+    force: FloatArray | None = None
+    """Where a force was stated: what deformable blocks carry in all on every mesh, (3,) [N]."""
 
-    def tractions(self, assembly: Assembly, centroids: FloatArray) -> FloatArray:  # noqa: ARG002
-        """Traction on each facet, world axes, (n_facets, 3) [MPa]."""
-        return np.tile(self.traction, (len(centroids), 1))
+    def tractions(self, assembly: Assembly, points: FloatArray) -> FloatArray:  # noqa: ARG002
+        """Traction at points of the face, world coordinates and axes, (n, 3) [MPa]."""
+        return np.tile(self.traction, (len(points), 1))
 
 
 @dataclass(frozen=True)
@@ -96,9 +98,9 @@ class CircumferentialLoad(ReadOnlyArrays):
     traction: float
     """[MPa]"""
 
-    def tractions(self, assembly: Assembly, centroids: FloatArray) -> FloatArray:
-        """Traction on each facet, world axes, (n_facets, 3) [MPa]."""
-        arm = centroids - assembly.origin
+    def tractions(self, assembly: Assembly, points: FloatArray) -> FloatArray:
+        """Traction at points of the face, world coordinates and axes, (n, 3) [MPa]."""
+        arm = points - assembly.origin
         arm = arm - np.outer(arm @ assembly.axis, assembly.axis)
         radial = arm / np.linalg.norm(arm, axis=1, keepdims=True)
         return self.traction * np.cross(assembly.axis, radial)
@@ -120,16 +122,21 @@ class LoadedFacets(ReadOnlyArrays):
     area_vectors: FloatArray
     """Outward, world axes, (n_facets, 3) [mm²]."""
     tractions: FloatArray | None
-    """Dead traction on each facet, world axes, (n_facets, 3) [MPa]; None for a pressure."""
+    """Dead traction at each centroid, world axes, (n_facets, 3) [MPa]; None for a pressure."""
     pressure: float
     """Of a pressure, positive pushing inward [MPa]."""
+
+    @cached_property
+    def areas(self) -> FloatArray:
+        """Size of each vector area, (n_facets,) [mm²]."""
+        return np.linalg.norm(self.area_vectors, axis=1)
 
     @property
     def forces(self) -> FloatArray:
         """Force on each facet, (n_facets, 3) [N]."""
         if self.tractions is None:
             return -self.pressure * self.area_vectors
-        return self.tractions * np.linalg.norm(self.area_vectors, axis=1)[:, None]
+        return self.tractions * self.areas[:, None]
 
 
 @dataclass(frozen=True)
@@ -304,6 +311,15 @@ class LoadCase(ReadOnlyArrays):
             return self
         there = self.body_wrenches
         return replace(self, body_wrenches=wrenches if there is None else there + wrenches)
+
+    def on_mesh(self, assembly: Assembly) -> LoadCase:
+        """Return the same load on another mesh of its blocks, whose centroids differ a little."""
+        wrenches = self.body_wrenches
+        if wrenches is not None:
+            arm = self.assembly.centroids - assembly.centroids
+            moments = wrenches[:, 3:] + np.cross(arm, wrenches[:, :3])
+            wrenches = np.hstack([wrenches[:, :3], moments])
+        return replace(self, assembly=assembly, body_wrenches=wrenches)
 
     @property
     def on_regions(self) -> bool:

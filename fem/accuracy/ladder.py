@@ -175,7 +175,7 @@ def on_mesh(problem: Problem, shapes: tuple[Block, ...], degree: int) -> Problem
     blocks = replace(problem.blocks, shapes=shapes)
     load = problem.load
     if isinstance(load, LoadCase):
-        load = replace(load, assembly=blocks)
+        load = load.on_mesh(blocks)
     return replace(problem, blocks=blocks, load=load, degree=degree, check_blocks=False)
 
 

@@ -27,6 +27,7 @@ from fem.system.forces import (
     ALL_THE_WAY,
     TabularAmplitude,
     edge_forces,
+    facet_points,
     pressure_forces,
     traction_forces,
     wrench_forces,
@@ -36,7 +37,7 @@ from fem.system.model import Amplitude, NodalLoad, Support, fixed_nodes
 from fem.system.springs import Springs, springs_on
 from geometry.assembly import Assembly
 from geometry.errors import RefusedError
-from geometry.loads import FaceLoad, LoadCase, PressureLoad
+from geometry.loads import FaceLoad, LoadCase, PressureLoad, TractionLoad
 from geometry.mesh import BoolArray, FloatArray, IntArray
 from geometry.parts.regions import region_nodes, region_quads
 from geometry.parts.supports import HeldFace
@@ -190,8 +191,7 @@ def _springs(
 def block_load_forces(assembly: Assembly, load: LoadCase, block: int) -> FloatArray | None:
     """Consistent nodal forces of a load case on one block, in the block's own frame.
 
-    A load without couple is spread over the block like a body force, so that its resultant
-    acts at the mass centroid. A load on the block as a whole is spread like inertia.
+    A load on the block as a whole is spread like inertia.
 
     Returns
     -------
@@ -203,8 +203,10 @@ def block_load_forces(assembly: Assembly, load: LoadCase, block: int) -> FloatAr
         return on_faces
     mesh, rotation = assembly.shape(block).mesh, assembly.rotations[block]
     wrench = load.body_wrenches[block]
+    arm = load.assembly.centroids[block] - load.assembly.translations[block]
+    moment = wrench[3:] + np.cross(arm, wrench[:3])
     share = block_lumped_mass(mesh, 1.0)
-    forces = wrench_forces(mesh.nodes, share, wrench[:3] @ rotation, wrench[3:] @ rotation)
+    forces = wrench_forces(mesh.nodes, share, wrench[:3] @ rotation, moment @ rotation)
     return forces if on_faces is None else on_faces + forces
 
 
@@ -223,15 +225,20 @@ def _face_forces(assembly: Assembly, load: LoadCase, block: int) -> FloatArray |
     """Forces of the loaded facets of one block in its own frame; None where it has none."""
     mesh, rotation = assembly.shape(block).mesh, assembly.rotations[block]
     forces: FloatArray | None = None
-    for result in load.facets:
+    for face, result in zip(load.faces, load.facets, strict=True):
         mine = np.flatnonzero(result.block == block)
         if not len(mine):
             continue
         quads = mesh.facet_nodes(result.quads[mine])
-        if result.tractions is None:
+        if isinstance(face, PressureLoad):
             part = pressure_forces(mesh.nodes, quads, result.pressure)
         else:
-            part = traction_forces(mesh.nodes, quads, result.tractions[mine] @ rotation)
+            places = assembly.place(block, facet_points(mesh.nodes, quads).reshape(-1, 3))
+            traction = face.tractions(assembly, places) @ rotation
+            part = traction_forces(mesh.nodes, quads, traction.reshape(len(quads), -1, 3))
+        if isinstance(face, TractionLoad) and face.force is not None:
+            share = result.areas[mine].sum() / result.areas.sum()
+            part *= share * np.linalg.norm(face.force) / np.linalg.norm(part.sum(axis=0))
         forces = part if forces is None else forces + part
     for edges in load.edges:
         mine = np.flatnonzero(edges.block == block)

@@ -58,17 +58,17 @@ def pressure_forces(nodes: FloatArray, quads: IntArray, pressure: float | FloatA
     LoadError
         Pressure not finite, or neither one number nor one per facet.
     """
-    value = _per_facet(pressure, quads, "pressure", ())
+    value = _checked(pressure, "pressure", (), (len(quads),))
     area = facet_area_vectors(nodes, quads)
     corner = -np.einsum("f,pa,...fpi->...fai", value, basis_of(quads).values, area)
     return scatter_to_nodes(corner, quads, nodes.shape[-2])
 
 
 def traction_forces(nodes: FloatArray, quads: IntArray, traction: FloatArray) -> FloatArray:
-    """Consistent nodal forces of a traction that is constant on each facet, f_a = ∫ t N_a dA.
+    """Consistent nodal forces of a traction, f_a = ∫ t N_a dA.
 
     On planar facets the total is t times the area; on warped ones the area is that of the
-    bilinear patch at the 2 × 2 points.
+    points of integration.
 
     Parameters
     ----------
@@ -77,7 +77,7 @@ def traction_forces(nodes: FloatArray, quads: IntArray, traction: FloatArray) ->
     quads
         Loaded facets, (n_facets, n_nodes of one).
     traction
-        One vector (3,) or one per facet (n_facets, 3) [MPa].
+        One vector (3,), or one at each of `facet_points`, (n_facets, n_points, 3) [MPa].
 
     Returns
     -------
@@ -87,11 +87,12 @@ def traction_forces(nodes: FloatArray, quads: IntArray, traction: FloatArray) ->
     Raises
     ------
     LoadError
-        Traction not finite, or neither one vector nor one per facet.
+        Traction not finite, or neither one vector nor one at each point.
     """
-    value = _per_facet(traction, quads, "traction", (3,))
+    values = basis_of(quads).values
+    value = _checked(traction, "traction", (3,), (len(quads), len(values), 3))
     area = np.linalg.norm(facet_area_vectors(nodes, quads), axis=-1)
-    corner = np.einsum("fi,pa,...fp->...fai", value, basis_of(quads).values, area)
+    corner = np.einsum("fpi,pa,...fp->...fai", value, values, area)
     return scatter_to_nodes(corner, quads, nodes.shape[-2])
 
 
@@ -130,17 +131,22 @@ def edge_forces(
     return result
 
 
-def _per_facet(
-    value: float | FloatArray, quads: IntArray, name: str, tail: tuple[int, ...]
+def facet_points(nodes: FloatArray, quads: IntArray) -> FloatArray:
+    """Points of integration of facets, (n_facets, n_points, 3) [mm]."""
+    points: FloatArray = basis_of(quads).values @ nodes[quads]
+    return points
+
+
+def _checked(
+    value: float | FloatArray, name: str, one: tuple[int, ...], each: tuple[int, ...]
 ) -> FloatArray:
-    """Broadcast a load to one value per facet, rejecting what is not finite or does not fit."""
+    """Broadcast one value of a load to all, rejecting what is not finite or does not fit."""
     array = np.asarray(value, dtype=np.float64)
-    expected = (len(quads), *tail)
-    if array.shape not in (tail, expected):
-        raise LoadError(f"{name}: got shape {array.shape}; expected {tail} or {expected}")
+    if array.shape not in (one, each):
+        raise LoadError(f"{name}: got shape {array.shape}; expected {one} or {each}")
     if not np.isfinite(array).all():
         raise LoadError(f"{name}: got a value that is not finite; expected finite values in MPa")
-    return np.broadcast_to(array, expected)
+    return np.broadcast_to(array, each)
 
 
 @dataclass(frozen=True)
@@ -201,8 +207,8 @@ def wrench_forces(
 ) -> FloatArray:
     """Spread a force and a moment over a body like the inertia of a rigid acceleration.
 
-    f_i = m_i (F / M + α × r_i) with Σ m_i r_i × (α × r_i) = moment: statically equivalent to the
-    force at the mass centroid and the moment about it.
+    f_i = m_i (F / M + α × r_i), with r_i from the centroid of the masses and α by the moment about
+    it: statically equivalent to the force and the moment about the origin of the points.
 
     Parameters
     ----------
@@ -211,7 +217,7 @@ def wrench_forces(
     shares
         Their masses, in any unit, (n,).
     force, moment
-        (3,) [N] and (3,) [N mm], the moment about the mass centroid.
+        (3,) [N] and (3,) [N mm], the moment about the origin.
 
     Returns
     -------
@@ -219,7 +225,9 @@ def wrench_forces(
         (n, 3) [N].
     """
     weight = shares / shares.sum()
-    arm = points - weight @ points
+    centroid = weight @ points
+    arm = points - centroid
     second = np.einsum("n,ni,nj->ij", weight, arm, arm)
-    angular = np.linalg.solve(np.trace(second) * np.eye(3) - second, moment)
+    couple = moment - np.cross(centroid, force)
+    angular = np.linalg.solve(np.trace(second) * np.eye(3) - second, couple)
     return weight[:, None] * (force + np.cross(angular, arm))

@@ -7,6 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from fem import Problem, concrete
+from fem.accuracy.ladder import PRESSURES, Rung, on_rung, split
 from fem.element.hexahedron import gauss_gradients, mean_gradients
 from fem.element.kinds import block_lumped_mass
 from fem.system.forces import (
@@ -16,10 +18,12 @@ from fem.system.forces import (
     pressure_forces,
     traction_forces,
 )
+from geometry import ColumnBox, SineBlock, box_column, shaft, tube
 from geometry.block import box_block
 from geometry.families.boxes import BrickStack
-from geometry.loads import CircumferentialLoad
-from geometry.mesh import QuadSurface, boundary_quads
+from geometry.loads import CircumferentialLoad, LineLoad, LoadCase, PressureLoad, TractionLoad
+from geometry.mesh import FloatArray, QuadSurface, boundary_quads
+from geometry.parts.forces import NodeForces
 from tests.support.fem_problems import distorted_box
 
 pytestmark = pytest.mark.quick
@@ -70,6 +74,85 @@ def test_circumferential_traction_has_constant_size_and_runs_counter_clockwise()
     load = CircumferentialLoad(np.array([1]), "outer", 0.01)
     assert load.tractions(about, points) == pytest.approx(
         np.array([[0.0, 0.01, 0.0], [-0.01, 0.0, 0.0]]), abs=1e-17
+    )
+
+
+def _resultant(problem: Problem) -> FloatArray:
+    """Force and moment about the origin of all nodal forces, (6,) [N, N mm]."""
+    result = np.zeros(6)
+    for load in problem.deformable.forces:
+        body = problem.deformable.bodies[load.group]
+        at = body.reference_positions()[load.copies, load.nodes]
+        result += np.concatenate([load.forces.sum(axis=0), np.cross(at, load.forces).sum(axis=0)])
+    return result
+
+
+SINE = SineBlock(
+    height=160.0,
+    amplitude=16.0,
+    frequency=1.5,
+    blocks_per_layer=4,
+    inner_radius=190.0,
+    thickness=32,
+)
+FORCE = np.array([30.0, -40.0, 50.0])
+
+
+def test_a_force_and_a_moment_have_the_resultant_that_was_stated_on_every_mesh() -> None:
+    """On a curved face and on a block as a whole: other meshes have other areas and centroids."""
+    blocks = tube(SINE, layers=1, mesh=(12, 1, 4))
+    one = blocks.free_blocks[:1]
+    area = QuadSurface(blocks.nodes(int(one[0])), blocks.shape(int(one[0])).faces["outer"]).areas
+    spread = (TractionLoad(one, "outer", FORCE / area.sum(), force=FORCE),)
+    wrenches = np.zeros((blocks.n_blocks, 6))
+    wrenches[one] = [*FORCE, 700.0, 800.0, 900.0]
+    about = np.cross(blocks.centroids[one[0]], FORCE) + wrenches[one[0], 3:]
+    on_face = LoadCase(blocks, "force", spread, blocks.fixed)
+    whole = LoadCase(blocks, "wrench", (), blocks.fixed, body_wrenches=wrenches)
+    for rung in (None, *PRESSURES[:3]):
+        face, body = (Problem(blocks, load, concrete) for load in (on_face, whole))
+        if rung is not None:
+            face, body = (on_rung(problem, rung) for problem in (face, body))
+        assert _resultant(face)[:3] == pytest.approx(FORCE, rel=1e-12)
+        assert _resultant(body) == pytest.approx(np.concatenate([FORCE, about]), rel=1e-10)
+
+
+@pytest.mark.parametrize("around", [12, 24])
+def test_the_torque_of_a_traction_around_the_axis_is_that_of_the_cylinder(around: int) -> None:
+    """2π r² h p on curved elements, to the sixth power of the half angle φ of a facet.
+
+    Straight facets lie inside: less by φ²/2 and below it.
+    """
+    problem = Problem(tube(SINE, layers=1, mesh=(around, 1, 4)), shaft(0.01), concrete)
+    exact = 0.01 * 2.0 * np.pi * SINE.outer_radius**2 * SINE.height
+    half = np.pi / (SINE.blocks_per_layer * around)
+    straight = _resultant(problem)[5] / exact
+    assert 1.0 - 0.5 * half**2 * 1.01 < straight < 1.0 - 0.49 * half**2
+    for curved in (replace(problem, degree=2), *(on_rung(problem, r) for r in PRESSURES[:3])):
+        assert _resultant(curved)[5] == pytest.approx(exact, rel=2e-6)
+
+
+def test_loads_on_flat_faces_have_one_resultant_on_every_mesh() -> None:
+    """Pressure, traction, line, node: half-space sums by hand, about the origin."""
+    column = box_column([ColumnBox((60.0, 40.0, 30.0), (2, 2, 2))] * 2)
+    top, corner = np.array([1]), np.array([[30.0, 20.0, 60.0]])
+    faces = (PressureLoad(top, "z+", 0.5), TractionLoad(top, "x+", FORCE / 1000.0))
+    line = LineLoad(top, np.array([-30.0, 20.0, 60.0]), corner[0], FORCE / 60.0)
+    node = NodeForces(top, corner, FORCE[None])
+    load = LoadCase(column, "all", faces, column.fixed, lines=(line,), nodes=(node,))
+    parts = [
+        (np.array([0.0, 0.0, -0.5 * 60.0 * 40.0]), [0.0, 0.0, 60.0]),
+        (FORCE * 40.0 * 30.0 / 1000.0, [30.0, 0.0, 45.0]),
+        (FORCE, [0.0, 20.0, 60.0]),
+        (FORCE, corner[0]),
+    ]
+    exact = sum(np.concatenate([force, np.cross(at, force)]) for force, at in parts)
+    problem = Problem(column, load, concrete)
+    for other in (problem, split(problem, 2, 1), split(problem, 1, 3)):
+        assert _resultant(other) == pytest.approx(exact, rel=1e-11)
+    skew = on_rung(replace(problem, load=replace(load, lines=(), nodes=())), Rung(3, 5, 2, 3, 2, 9))
+    assert _resultant(skew) == pytest.approx(
+        sum(np.concatenate([force, np.cross(at, force)]) for force, at in parts[:2]), rel=1e-11
     )
 
 

@@ -244,7 +244,8 @@ def _face_load(assembly: AnyBlocks, one: SurfaceLoadSection, place: str) -> Face
         return TractionLoad(blocks, where, np.array(one.traction))
     unit = TractionLoad(blocks, where, np.array([1.0, 0.0, 0.0]))
     area = float(LoadCase(assembly, "", (unit,), assembly.fixed).facet_forces[:, 0].sum())
-    return TractionLoad(blocks, where, np.array(one.force) / area)
+    force = np.array(one.force)
+    return TractionLoad(blocks, where, force / area, force=force)
 
 
 def _add_force(
