@@ -74,6 +74,8 @@ LIGHT_TOUCH = 10.0
 _PATIENCE = 40
 _PATIENCE_NEAR = 10
 _NEAR = 1e-2
+#: Cosine between steps that follow one motion, and how often holding springs get softer then.
+_ALONG, _SOFTENED = 0.99, 4
 
 
 @dataclass(frozen=True)
@@ -199,14 +201,31 @@ def converge(problem: StaticProblem, state: Iterate) -> Iterate:
     """Iterate to an equilibrium, or until nothing has improved for a while."""
     slips = state.gaps.x[..., 1:]
     state = replace(state, at=np.concatenate([state.at[..., :1], slips], axis=2))
-    least, since = math.inf, 0
+    least, since, softened, way = math.inf, 0, 0, np.zeros(1)
     for _ in range(problem.max_iterations):
+        before, begin = way, state.displacement
         state = _iterate(problem, state)
+        way = state.displacement - begin
         since = 0 if state.residuals[-1] < 0.9 * least else since + 1
         least = min(least, state.residuals[-1])
-        if state.converged or since > (_PATIENCE_NEAR if least < _NEAR else _PATIENCE):
+        if state.converged:
             break
+        if since > (_PATIENCE_NEAR if least < _NEAR else _PATIENCE):
+            if softened >= _SOFTENED or state.time is not None or not _drifts(before, way):
+                break
+            softer = _FADING * state.first_holding, _FADING * state.holding
+            state = replace(state, first_holding=softer[0], holding=softer[1])
+            since, softened = 0, softened + 1
     return state
+
+
+def _drifts(before: FloatArray, way: FloatArray) -> bool:
+    """Whether two steps go on along one motion: what resists it are the holding springs alone.
+
+    A block that nothing holds until it meets another is pushed there by deformed surfaces.
+    """
+    sizes = float(np.linalg.norm(before) * np.linalg.norm(way))
+    return bool((before * way).sum() > _ALONG * sizes > 0.0)
 
 
 def _iterate(problem: StaticProblem, state: Iterate) -> Iterate:

@@ -342,3 +342,24 @@ def test_weight_holds_faces_together(tmp_path: Path, lift: float, carried: bool)
         return
     with pytest.raises(RefusedError, match="block 1 lifts off block 0"):
         on_its_mesh(path)
+
+
+def test_a_locked_block_rests_where_its_neighbours_stop_it() -> None:
+    """Loads leave a block a gap that deformed surfaces push it through, until it meets a neighbour.
+
+    Every force is then balanced: the loads by the fixed blocks, and each block by its joints.
+    """
+    scene = {
+        "block": {"type": "tetrahedra", "edge": 120.0, "thickness": 40.0},
+        "assembly": {"columns": 2, "rows": 1},
+        "loads": [{"plane": {"z": 20.0}, "pressure": 0.02}],
+        "mesh": {"divisions": 3},
+        "fem": {"mesh": "scene", "error_estimate": False},
+    }
+    case = load_case(scene, method="static")
+    answer = solve(case)
+    assert answer.report["residual"] <= 1e-8
+    assert max(answer.report["imbalance"][name] for name in ("force", "moment")) <= 1e-6
+    reactions = sum(np.array(one["force"]) for one in answer.report["reactions"].values())
+    pressed = case.problem.load_case.facet_forces.sum(axis=0)
+    assert reactions == pytest.approx(-pressed, abs=1e-6 * np.linalg.norm(pressed))
