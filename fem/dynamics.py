@@ -1,47 +1,32 @@
-"""The explicit answer to a problem: a run, its error bars, and the converged static state."""
+"""The explicit answer to a problem: a run."""
 
 from __future__ import annotations
 
 import math
 import time
 from collections.abc import Callable
-from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
-from typing import Literal
 
-from fem.accuracy.converge import Progress as Refinement
-from fem.accuracy.converge import converge, usual_work, why_not_refined
-from fem.accuracy.errors import SAFETY
-from fem.accuracy.ladder import OF_FACETS, coarser
-from fem.accuracy.one_mesh import SHARES, static_errors
-from fem.accuracy.parts import NOT_AT_REST, StaticReference
-from fem.accuracy.statics import static_options
 from fem.answer import answer_of
 from fem.explicit.output.checkpoint import OtherProblemError
 from fem.explicit.setup.timed_system import counting_more, state_of, timed_system
 from fem.explicit.solve import (
-    CUT_SHORT,
     Frame,
     Output,
     Progress,
-    Status,
     StopCriterion,
     UnstableRun,
     solve,
 )
 from fem.explicit.timed import TimedSystem
-from fem.measures import measures_of
-from fem.method import Explicit, Static, require_method
+from fem.method import Explicit, require_method
 from fem.problem import Problem, ProblemError, require_problem
 from fem.state import State
-from fem.static.solve import StaticOptions
-from geometry.answer import Answer, Measure
-from geometry.compilation.clocks import Stages, stages
-from geometry.errors import RefusedError
+from geometry.answer import Answer
+from geometry.compilation.clocks import stages
 from geometry.machine.system import one_thread_of_blas
 from geometry.machine.work import budget, clock, require_memory
-from geometry.parts.rows import Notes, Part
 
 #: Frames are parts of this part of the longest run, where it may end early and has no ramp.
 _FINE = 200.0
@@ -56,7 +41,7 @@ def solve_explicit(
     problem: Problem,
     method: Explicit = _DEFAULT,
     *,
-    progress: Callable[[Progress | Refinement | str], None] | None = None,
+    progress: Callable[[Progress | str], None] | None = None,
     on_frame: Callable[[Frame], None] | None = None,
     checkpoint: Path | None = None,
     resume: Path | None = None,
@@ -68,11 +53,10 @@ def solve_explicit(
     problem
         The statement.
     method
-        Damping, times, time step, threads, and what stands beside the run: error bars, the
-        converged static state of a run to the static state.
+        Damping, times, time step, threads.
     progress
-        Called at every sample of the run (`fem.explicit.solve.Progress`), before each mesh of the
-        static state (`fem.accuracy.converge.Progress`), and with what comes next in words.
+        Called at every sample of the run (`fem.explicit.solve.Progress`), and with what comes next
+        in words.
     on_frame
         Called with the displacements of all blocks, ``method.frames`` times or more often: a run to
         the static state may end at any time after the ramp.
@@ -84,8 +68,9 @@ def solve_explicit(
     Returns
     -------
     Answer
-        Its parts are `fem.accuracy.parts`. A run that is cut short has the status ``interrupted``
-        or, by ``method.max_work`` or ``max_seconds``, ``stopped``, and no error bars.
+        Without error bars: other meshes are other runs, and `solve_static` gives the static state
+        of a stated accuracy. A run that is cut short has the status ``interrupted`` or, by
+        ``method.max_work`` or ``max_seconds``, ``stopped``.
 
     Raises
     ------
@@ -103,8 +88,6 @@ def solve_explicit(
         A run that gained energy.
     StateError, CheckpointError
         A checkpoint that cannot be written, or is not one of this run.
-    KeyboardInterrupt
-        An interruption while error bars are computed.
     """
     require_method(method, Explicit, "solve_explicit")
     problem = require_problem(problem)
@@ -123,178 +106,17 @@ def solve_explicit(
         _ = problem.deformable
         watch.lap("build")
         output = Output(progress=progress, on_frame=on_frame, checkpoint=checkpoint)
-        tell = (lambda _: None) if progress is None else progress
-        tell("critical time step")
+        if progress is not None:
+            progress("critical time step")
         with budget() as spent:
             state = explicit_state(problem, method, output, resume)
         spent.work, spent.memory = method.max_work, method.max_memory
         watch.lap("solve")
         run = state.run
         assert run is not None
-        errors, parts = dict[str, float](), dict[str, Part](work=spent)
-        if run.status not in CUT_SHORT:
-            unlimited = replace(method, max_work=None, max_seconds=None)
-            errors, beside = _beside(problem, unlimited, state, watch, tell)
-            parts |= beside
         seconds = {**watch.seconds(), "loop": run.cpu_seconds}
-    return answer_of(state, errors, problem=problem, parts=parts, beside={"cpu_seconds": seconds})
-
-
-def _beside(
-    problem: Problem,
-    method: Explicit,
-    state: State,
-    watch: Stages,
-    tell: Callable[[Refinement | str], None],
-) -> tuple[dict[str, float], dict[str, Part]]:
-    """Error bars of a run, and what is found beside its measures.
-
-    Error bars are differences to the converged static state, or from coarser meshes: of a transient
-    the error in time and mesh, as coarser meshes have longer time steps. Where friction keeps the
-    drag of damping, what half the ramp changes is added. A run that is not yet at rest has none.
-    """
-    parts, static = dict[str, Part](), method.damping == "static"
-    moving = static and _is_moving(state)
-    if moving:
-        parts["notes"] = Notes([NOT_AT_REST])
-    if static and method.static_reference:
-        tell("converged static state")
-        reference = _static_reference(problem, method, state, tell)
-        parts["static_reference"] = reference
-        watch.lap("static reference")
-        if method.error_estimate and not reference.why_not:
-            return reference.bars, parts
-    if not method.error_estimate:
-        return {}, parts
-    errors = dict[str, float]()
-    if not moving:
-        tell("two coarser meshes, for the errors")
-        alike = _with_its_times(method, state)
-        errors = static_errors(problem, state, lambda other: _uninterrupted(other, alike))
-        dragged = ramp_change(problem, method) if errors else {}
-        measures = measures_of(state)
-        errors = {n: e + dragged.get(n, 0.0) * abs(measures[n].value) for n, e in errors.items()}
-    watch.lap("error bars")
-    return errors, parts
-
-
-def _statically(problem: Problem, method: Explicit) -> StaticOptions:
-    """Options of the static solver for the problem of a run."""
-    symmetry: Literal["auto", "none"] = "none" if method.symmetry == "none" else "auto"
-    return static_options(problem, Static(symmetry=symmetry))
-
-
-def _is_moving(state: State) -> bool:
-    """Whether a run to the static state ended before it; not by round-off."""
-    report, run = state.quasi_static, state.run
-    if report is None or run is None:
-        return False
-    return not report.is_static and run.round_off is None
-
-
-def _static_reference(
-    problem: Problem,
-    method: Explicit,
-    state: State,
-    progress: Callable[[Refinement | str], None],
-) -> StaticReference:
-    """Solve for the converged static state of the problem of a run; or why there is none.
-
-    Two errors of such a run differ in kind: its distance to the static state of its own mesh, which
-    its residual and the remaining displacement bound, and the discretisation error of that mesh,
-    which only finer meshes show. The static solver gives the second one.
-    """
-    why = "not at rest" if _is_moving(state) else _why_no_reference(problem)
-    if why is not None:
-        return StaticReference(why_not=why)
-    with stages() as watch:
-        try:
-            options = _statically(problem, method)
-            with budget(usual_work(problem)):
-                result = converge(problem, options=options, progress=progress)
-        except RefusedError as error:
-            return StaticReference(why_not=str(error))
-        if result.accuracy.stopped_by == "interrupt":
-            raise KeyboardInterrupt
-        watch.lap("solve")
-        measures = result.measures
-        if result.solved.facets is None:  # means over other facets than the run's
-            measures = {name: m for name, m in measures.items() if name not in OF_FACETS}
-        report = {name: part.as_json() for name, part in result.parts.items() if name != "facets"}
-        report["degree"] = result.meshes.meshes[-1].rung.degree
-        report["cpu_seconds"] = watch.seconds()
-    return StaticReference(measures_of(state), measures, report)
-
-
-def _why_no_reference(problem: Problem) -> str | None:
-    """Why a problem has no converged static state to compare with; None where it has one."""
-    if problem.coulomb is not None:
-        return "blocks with friction have many static states"
-    if problem.motion is not None:
-        return "blocks that move at the start"
-    if problem.finite_rotation:
-        return "static states have small rotations, and blocks of this run turn by any angle"
-    try:
-        return why_not_refined(problem)
-    except RefusedError as error:
-        return str(error)
-
-
-def ramp_change(problem: Problem, method: Explicit) -> dict[str, float]:
-    """Relative error of each measure by the ramp, on a coarser mesh; empty without friction.
-
-    Mass-proportional damping drags blocks back while the load grows, and friction keeps it. The
-    error falls with the rate of loading: that of the ramp is what half of it changes.
-    """
-    moves = any(held.moves for held in problem.load_case.held)
-    rubs = problem.coulomb is not None and problem.deformable.meets and not moves
-    if method.damping != "static" or not rubs:
-        return {}
-    for stated in (coarser(problem, SHARES[-1]), problem):
-        with suppress(RefusedError):
-            if stated is not None:
-                return _half_ramp_change(stated, method)
-    return {}
-
-
-def _half_ramp_change(problem: Problem, method: Explicit) -> dict[str, float]:
-    """The same on the mesh of a problem."""
-    slow = _uninterrupted(problem, method)
-    assert slow.run is not None
-    half = replace(method, ramp_time=0.5 * slow.run.stated.ramp_time)
-    fast = measures_of(_uninterrupted(problem, half))
-    measures: list[tuple[str, Measure]] = list(measures_of(slow).items())
-    pairs = ((name, m.value, fast[name].value) for name, m in measures)
-    return {name: SAFETY * abs(other / value - 1.0) for name, value, other in pairs if value}
-
-
-def _with_its_times(method: Explicit, state: State) -> Explicit:
-    """The method of a transient with the ramp and the end of its run, for coarser meshes.
-
-    Those recommended for other meshes are of another load. The time step is the same share of the
-    critical one.
-    """
-    run = state.run
-    if run is None or method.damping == "static":
-        return method
-    method = replace(method, ramp_time=run.stated.ramp_time, end_time=run.stated.end_time)
-    if method.time_step is None:
-        return method
-    share = min(1.0, run.time_step / run.critical.critical_time_step)
-    return replace(method, time_step=None, safety_factor=share)
-
-
-# ---------------------------------------------------------------------------------------------
-# One run
-
-
-def _uninterrupted(problem: Problem, method: Explicit) -> State:
-    """The end of a run beside another one; an interruption is not its result."""
-    state = explicit_state(problem, method)
-    assert state.run is not None
-    if state.run.status is Status.INTERRUPTED:
-        raise KeyboardInterrupt
-    return state
+    parts, beside = {"work": spent}, {"cpu_seconds": seconds}
+    return answer_of(state, {}, problem=problem, parts=parts, beside=beside)
 
 
 def stated_run(problem: Problem, method: Explicit) -> TimedSystem:

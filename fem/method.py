@@ -98,11 +98,6 @@ class Explicit:
     """Sector: cyclic symmetry, exact for cyclic loads. Auto: sector where exact."""
     frames: Annotated[int, Ge(0), Le(_MOST)] = 0
     """Frames written for ParaView, spread over what was run, the first and the end included."""
-    error_estimate: bool = True
-    """Whether two coarser meshes are run to estimate the error of every measure: a quarter more
-    time."""
-    static_reference: bool = True
-    """Whether a run to the static state stands beside the converged static state."""
     sample_interval: Annotated[int, Ge(1)] = 50
     """Increments between two samples of the energies."""
     max_work: Annotated[float, Gt(0)] | None = None

@@ -1,26 +1,22 @@
 """What a deformable answer has beside its measures: `geometry.answer.Answer.parts`.
 
-`accuracy` and `meshes` of a state on finer and finer meshes, with the `facets` of its means;
-`static_reference` of an explicit run to the static state.
+`accuracy` and `meshes` of a state on finer and finer meshes, with the `facets` of its means.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from math import isfinite
 from typing import Any
 
 import numpy as np
 
 from fem.accuracy.errors import OnMesh, is_negligible, relative, unmet
-from geometry.answer import TITLES, Measure
+from geometry.answer import Measure
 from geometry.assembly import Assembly
 from geometry.mesh import FloatArray
 from geometry.parts.rows import Row
-
-#: Why a run has no error bars.
-NOT_AT_REST = Row("error bars", "not at rest: no error bar")
 
 
 @dataclass(frozen=True)
@@ -129,66 +125,3 @@ class MeshFacets:
     def as_json(self) -> dict[str, Any]:
         """Return plain data."""
         return {"size": self.size, "n": len(self.pressures)}
-
-
-@dataclass(frozen=True)
-class StaticReference:
-    """The converged static state of the problem of an explicit run, or why there is none."""
-
-    of_run: Mapping[str, Measure] = field(default_factory=dict)
-    """Numbers of the run."""
-    measures: Mapping[str, Measure] = field(default_factory=dict)
-    """Numbers of the static state with their error bars."""
-    report: Mapping[str, Any] = field(default_factory=dict)
-    """Meshes that were solved for it, and CPU times, as plain data."""
-    why_not: str = ""
-    """Why there is none; empty where there is one."""
-
-    @property
-    def errors(self) -> dict[str, float]:
-        """Discretisation error of each measure of the run, in its unit: its value less this one's.
-
-        Values that no mesh resolves have none.
-        """
-        known = {n: m.value for n, m in self.measures.items() if m.resolved and not m.remark}
-        return {name: m.value - known[name] for name, m in self.of_run.items() if name in known}
-
-    @property
-    def bars(self) -> dict[str, float]:
-        """Error bars of the run: its discretisation errors, and the error bars of this state."""
-        result = self.errors.items()
-        return {name: abs(error) + (self.measures[name].error or 0.0) for name, error in result}
-
-    def error_words(self, name: str) -> str:
-        """A discretisation error in its unit and as a share of the converged value."""
-        error, converged = self.errors.get(name), self.measures[name]
-        if error is None or not converged.is_number:
-            return "–"
-        share = f" ({100 * error / abs(converged.value):+.3g} %)" if converged.value else ""
-        return f"{error:+.2g} {converged.unit}{share}"
-
-    @property
-    def rows(self) -> list[Row]:
-        """The converged value of each measure, and the discretisation error of the run."""
-        if self.why_not:
-            return [Row("converged static state", f"none to compare with: {self.why_not}")]
-        return [
-            Row(
-                f"converged: {title.words}",
-                f"{known.value_words}; discretisation error {self.error_words(name)}",
-                known.value if known.is_number else None,
-                known.unit,
-            )
-            for name, title in TITLES.items()
-            if name in self.of_run and (known := self.measures.get(name)) is not None
-        ]
-
-    def as_json(self) -> dict[str, Any]:
-        """Return plain data."""
-        if self.why_not:
-            return {"why_not": self.why_not}
-        return {
-            "measures": {name: m.as_json() for name, m in self.measures.items()},
-            "discretisation_error": self.errors,
-            **self.report,
-        }

@@ -63,11 +63,7 @@ _TUBE = {"mesh.around": 12, "mesh.radial": 1, "mesh.axial": 4}
 _HEXAGONS = {"assembly.layers": 2, "mesh.edge": 4, "mesh.radial": 1}
 _STATIC = {"fem.method": "static", "fem.mesh": "scene", "fem.error_estimate": False}
 _BARS = {"fem.method": "static", "fem.mesh": "scene"}
-_EXPLICIT = {
-    "fem.method": "explicit",
-    "fem.error_estimate": False,
-    "fem.static_reference": False,
-}
+_EXPLICIT = {"fem.method": "explicit"}
 _SHORT = {"fem.end_time": 0.002, "fem.ramp_time": 0.001}
 _ONE, _TWO = {**_TUBE, "assembly.layers": 1}, {**_TUBE, "assembly.layers": 2}
 _ROUGH, _SLIDES = {"effects.friction": 0.3}, {"effects.finite_sliding": True}

@@ -41,7 +41,7 @@ RUNS = (
     "octahedra static effects.gravity=[0,0,-9810] effects.friction=0.6",
     "wall static",
     "hertz-ball static",
-    "tsb1-pipe explicit assembly.layers=2 fem.static_reference=false",
+    "tsb1-pipe explicit assembly.layers=2",
     "tsb1-pipe rigid assembly.layers=2 effects.friction=0.3",
     "wall rigid rigid.collapse=true rigid.sliding=true rigid.ranges=true rigid.margin=true",
 )

@@ -14,7 +14,6 @@ MESH = ("mesh.around=12", "mesh.radial=1", "mesh.axial=4", "assembly.layers=1", 
 COARSE = tuple(word for setting in MESH for word in ("--set", setting))
 EXPLICIT = (
     *("--set", "fem.method=explicit", "--set", "fem.end_time=2e-5", "--set", "fem.frames=3"),
-    *("--set", "fem.error_estimate=false"),
 )
 RUNS = {
     "rigid tube": ("mbd", "tsb1-pipe", *COARSE[:-2]),

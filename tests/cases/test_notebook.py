@@ -30,7 +30,7 @@ def answers(problem) -> tuple[Answer, Answer, Answer]:
     return (
         analyse(problem, Rigid(norm="force")),  # as the scene says
         solve_static(problem, Static(mesh="scene", error_estimate=False)),
-        solve_explicit(problem, Explicit(error_estimate=False, static_reference=False)),
+        solve_explicit(problem, Explicit()),
     )
 
 

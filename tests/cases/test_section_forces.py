@@ -137,7 +137,7 @@ def test_an_explicit_run_has_the_forces_of_its_end() -> None:
     friction = CoulombFriction(0.8, stick_stiffness=STICK)
     problem = boxes(shear=SHEAR, friction=friction, frames=Frames.DEFORMABLE, finite_sliding=True)
     cut = section(
-        solve_explicit(problem, Explicit(error_estimate=False, static_reference=False)),
+        solve_explicit(problem, Explicit()),
         [[0, 0, 50], [0, 0, 65]],
         [0, 0, 1],
     )

@@ -116,7 +116,7 @@ def test_json_and_files_of_a_static_tube(tubelock) -> None:
 @pytest.mark.usefixtures("undrawn")
 def test_interrupted_tube_continues_to_the_same_bits(tubelock, monkeypatch) -> None:
     arguments = ["fem", "tsb1-pipe", *SETTINGS, "--fields", "--set", "fem.method=explicit"]
-    arguments += ["--set", "fem.sample_interval=20", "--no-static-reference"]
+    arguments += ["--set", "fem.sample_interval=20"]
     assert tubelock(*arguments, "-o", "whole")[0] == 0
 
     def impatient(_):

@@ -172,7 +172,7 @@ def test_how_a_scene_is_to_be_solved_is_read_by_python(stated: dict[str, Any]) -
 
 
 #: Parts of deformable answers in the report.
-PARTS = ("accuracy", "facets", "static_reference")
+PARTS = ("accuracy", "facets")
 
 
 def same_numbers(one: Any, other: Any) -> None:

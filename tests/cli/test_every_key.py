@@ -142,9 +142,9 @@ WALKS = {
         ),
     ),
     "explicit tube": Walk(
-        ("fem", "--no-static-reference"),
+        ("fem",),
         "tsb1-pipe",
-        (*TUBE, *JOINTS, *EXPLICIT, *WITHOUT_BARS, "fem.damping='static'"),
+        (*TUBE, *JOINTS, *EXPLICIT, "fem.damping='static'"),
         frozenset({"fem.threads", "fem.sample_interval"}),  # the run ends at the same step
     ),
     "compare": Walk(

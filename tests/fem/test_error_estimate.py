@@ -7,7 +7,6 @@ from dataclasses import replace
 import pytest
 
 from fem.accuracy.errors import one_mesh_bars
-from fem.dynamics import ramp_change
 from geometry import Answer
 from geometry.answer import WIDEST
 from tests.support.answers import on_its_mesh
@@ -127,52 +126,6 @@ def test_errors_are_printed_and_in_the_data() -> None:
     assert found["error"] == 0.034
     assert found["unit"] == "MPa"
     assert "0.500 ± 0.034 MPa" in str(told)
-
-
-def transient(mesh: tuple[int, int, int], times: dict[str, float]) -> Answer:
-    counts = zip(("around", "radial", "axial"), mesh, strict=True)
-    stated = [f"mesh.{name}={count}" for name, count in counts]
-    case = load_case("tsb1-pipe", ("assembly.layers=1", "fem.method=explicit", *stated))
-    moving = case.changed({f"fem.{name}": time for name, time in times.items()})
-    return on_its_mesh(moving, error_estimate=True)
-
-
-def test_bars_of_explicit_friction_hold_the_drag_of_damping() -> None:
-    """Friction keeps what mass-proportional damping drags back, which slow static loading has not.
-
-    The drag falls with the rate of loading: that of the ramp is what half of it changes.
-    """
-    mesh = ("assembly.layers=4", "mesh.around=12", "mesh.radial=1", "mesh.axial=2")
-    friction = ("effects.friction.coefficient=0.1", "fem.error_estimate=false")
-    slow = on_its_mesh("tsb1-pipe", (*mesh, *friction, "fem.load_steps=32"), method="static")
-    run = on_its_mesh("tsb1-pipe", (*mesh, *friction), method="explicit")
-    method = replace(run.case.method, damping="static")
-    dragged = ramp_change(run.problem, method)
-    for name in ("max_displacement", "p_eff"):
-        value = run[name].value
-        assert abs(slow[name].value - value) < dragged[name] * value, name
-    assert dragged["max_displacement"] < 0.05
-    assert ramp_change(replace(run.problem, friction=None), method) == {}
-
-
-def test_errors_of_a_transient_are_those_in_time_and_mesh() -> None:
-    """Coarser meshes have the same load: a ramp and a step that are stated change no error bar.
-
-    The ramp that is recommended follows the lowest frequency, which coarse meshes overestimate.
-    With it the bar of the displacement was ± 1.1 % for an error of 19 %. A time step is a share of
-    the critical one, in which stated steps and those of the safety factor agree to a hundredth.
-    """
-    run = transient((12, 2, 5), {"end_time": 0.012})
-    result = run.details.run
-    assert result is not None
-    times = {"end_time": result.stated.end_time, "ramp_time": result.stated.ramp_time}
-    errors = errors_of(run)
-    assert errors_of(transient((12, 2, 5), times)) == pytest.approx(errors, rel=1e-9)
-    stepping = transient((12, 2, 5), {**times, "time_step": result.time_step})
-    assert errors_of(stepping) == pytest.approx(errors, rel=0.02)
-    finer = transient((24, 4, 10), times)["max_displacement"].value
-    change = abs(finer - run["max_displacement"].value)
-    assert 0.05 * finer < change < errors["max_displacement"]
 
 
 def test_a_measure_that_a_coarser_mesh_has_not_gets_no_bar() -> None:

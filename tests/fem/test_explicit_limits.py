@@ -13,9 +13,7 @@ from validation import load_case
 
 pytestmark = pytest.mark.quick
 
-METHOD = Explicit(
-    damping="none", ramp_time=1e-4, end_time=1e-3, error_estimate=False, sample_interval=10
-)
+METHOD = Explicit(damping="none", ramp_time=1e-4, end_time=1e-3, sample_interval=10)
 
 
 @pytest.fixture(name="problem", scope="module")

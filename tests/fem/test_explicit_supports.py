@@ -46,7 +46,7 @@ def test_damped_runs_come_to_the_static_state(name: str) -> None:
     end = 0.02 if CASES[name].assembly is ONE else None
     explicit = solve_explicit(
         problem,
-        Explicit(damping="static", end_time=end, error_estimate=False, static_reference=False),
+        Explicit(damping="static", end_time=end),
     ).fields["displacement"]
     assert np.abs(explicit - static).max() <= 1e-3 * np.abs(static).max()
     assert np.abs(static).max() > 0.0
@@ -61,7 +61,7 @@ def test_forces_of_supports_come_to_those_of_the_static_state() -> None:
     problem = Problem(TWO, CASES["support that moves by a table"], concrete)
     (static, run) = (
         solve_static(problem, Static(mesh="scene", error_estimate=False)).as_dict(),
-        solve_explicit(problem, Explicit(error_estimate=False, static_reference=False)).as_dict(),
+        solve_explicit(problem, Explicit()).as_dict(),
     )
     assert set(run["reactions"]) == set(static["reactions"])
     size = abs(static["motions"][0]["force"][-1])
@@ -86,9 +86,7 @@ def test_a_block_swings_on_springs_with_the_period_of_the_closed_form(quarters: 
     mass = concrete.density * A**3
     period = 2.0 * np.pi * np.sqrt(mass / (stiffness * A * A))
     problem = Problem(ONE, load, concrete, motion=Motion(speed * Z, np.zeros(3)))
-    answer = solve_explicit(
-        problem, Explicit(damping="none", end_time=quarters * period / 4.0, error_estimate=False)
-    )
+    answer = solve_explicit(problem, Explicit(damping="none", end_time=quarters * period / 4.0))
     moved = answer.fields["displacement"][:, 2].mean() * 2.0 * np.pi / (speed * period)
     assert moved == pytest.approx(1.0 if quarters == 1 else 0.0, abs=2e-3)
 
@@ -110,7 +108,7 @@ def test_springs_of_blocks_that_turn_are_rejected() -> None:
     held = (*GUIDES, roller(TWO, 1, Z, spring=1.0))
     load = case(TWO, [pulled(TWO, 1, Z, -0.5 * Z)], held)
     problem = Problem(TWO, load, concrete, finite_rotation=True)
-    method = Explicit(damping="static", end_time=0.01, error_estimate=False, static_reference=False)
+    method = Explicit(damping="static", end_time=0.01)
     with pytest.raises(ModelError, match="springs: got blocks that may turn by any angle"):
         solve_explicit(problem, method)
 
@@ -124,8 +122,6 @@ def test_a_motion_in_no_time_is_rejected() -> None:
                 damping="static",
                 ramp_time=0.0,
                 end_time=0.01,
-                error_estimate=False,
-                static_reference=False,
             ),
         )
 
@@ -152,7 +148,7 @@ def test_blocks_that_move_across_the_axis_are_all_computed() -> None:
     motion = Motion(np.array([10.0, 0.0, 0.0]), np.zeros(3))
     ring = tube(block, layers=1, mesh=(12, 1, 2))
     problem = Problem(ring, pipe(0.01), concrete, motion=motion)
-    alone = Explicit(ramp_time=5e-5, end_time=1e-4, error_estimate=False, static_reference=False)
+    alone = Explicit(ramp_time=5e-5, end_time=1e-4)
     found, whole = (
         solve_explicit(problem, replace(alone, symmetry=symmetry)).fields["displacement"]
         for symmetry in ("auto", "none")

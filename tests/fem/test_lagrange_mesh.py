@@ -287,7 +287,7 @@ def test_error_bars_hold_the_next_degree() -> None:
 
 def test_explicit_runs_of_higher_degree_are_refused_by_name() -> None:
     with pytest.raises(ProblemError, match="degree: got 2; explicit runs have"):
-        solve_explicit(column(2), Explicit(error_estimate=False, static_reference=False))
+        solve_explicit(column(2), Explicit())
 
 
 def test_a_block_keeps_its_corners() -> None:

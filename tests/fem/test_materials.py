@@ -70,9 +70,7 @@ def test_two_bars_in_series() -> None:
     assert len(problem.deformable.bodies) == 2
     assert top_of(solve_static(problem, Static(mesh="scene"))) == pytest.approx(series(), rel=1e-7)
     assert top_of(solve_static(problem)) == pytest.approx(series(), rel=1e-6)
-    assert top_of(
-        solve_explicit(problem, Explicit(error_estimate=False, static_reference=False))
-    ) == pytest.approx(series(), rel=1e-3)
+    assert top_of(solve_explicit(problem, Explicit())) == pytest.approx(series(), rel=1e-3)
 
 
 @pytest.mark.parametrize("flavour", [Flavour.STANDARD, Flavour.GENERAL])

@@ -202,7 +202,7 @@ def test_three_answers_are_those_of_the_scene(problem, static) -> None:
     assert {name: m.value for name, m in run.measures.items()} == {
         name: m.value for name, m in static.measures.items()
     }
-    explicit = solve_explicit(problem, Explicit(error_estimate=False, static_reference=False))
+    explicit = solve_explicit(problem, Explicit())
     assert explicit.method == "explicit"
     assert explicit.report["residual"] <= 1e-4
     difference = np.abs(explicit.contacts["pressure"] - pressures)
@@ -279,11 +279,9 @@ def test_all_three_carry_the_weight(problem) -> None:
 
 
 def test_damping_is_a_matter_of_the_run(problem) -> None:
-    paper = Explicit(damping="paper", end_time=1e-5, ramp_time=0.0, error_estimate=False)
+    paper = Explicit(damping="paper", end_time=1e-5, ramp_time=0.0)
     short = solve_explicit(problem, paper)
-    free = solve_explicit(
-        problem, Explicit(damping="none", end_time=1e-5, ramp_time=0.0, error_estimate=False)
-    )
+    free = solve_explicit(problem, Explicit(damping="none", end_time=1e-5, ramp_time=0.0))
     moved = [answer.fields["displacement"] for answer in (short, free)]
     assert not np.array_equal(*moved)
 

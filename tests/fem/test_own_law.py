@@ -104,9 +104,7 @@ def test_a_fine_table_tends_to_its_curve(problem) -> None:
 def test_explicit_runs_name_the_laws_that_they_take(problem, law) -> None:
     words = "compiled loops of explicit runs take ExponentialLaw or LinearPenalty"
     with pytest.raises(ContactLawError, match=words):
-        solve_explicit(
-            replace(problem, law=law), Explicit(error_estimate=False, static_reference=False)
-        )
+        solve_explicit(replace(problem, law=law), Explicit())
 
 
 class Wrong(Exponential):

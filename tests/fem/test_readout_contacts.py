@@ -115,9 +115,7 @@ def test_an_explicit_run_slips_as_the_static_state() -> None:
         frames=Frames.DEFORMABLE,
         finite_sliding=True,
     )
-    slip, area = on_upper(
-        solve_explicit(problem, Explicit(error_estimate=False, static_reference=False))
-    )
+    slip, area = on_upper(solve_explicit(problem, Explicit()))
     assert (area @ slip / AREA)[0] == pytest.approx(SHEAR / STICK, rel=1e-3)
 
 

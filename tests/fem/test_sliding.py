@@ -166,7 +166,7 @@ def test_decks_of_joints_that_do_not_match(tubelock) -> None:
 @pytest.mark.usefixtures("undrawn")
 def test_the_built_in_column_from_the_command_line(tubelock) -> None:
     files = ("-o", "run", "--fields", "--json", "run.json")
-    status, out, _ = tubelock("fem", "column-nonmatching", "--no-static-reference", *files)
+    status, out, _ = tubelock("fem", "column-nonmatching", *files)
     assert status == 0
     assert "finite sliding (non-matching meshes)" in out
     data = json.loads(Path("run.json").read_text())
@@ -402,7 +402,7 @@ def test_an_overlap_that_no_facet_matches_is_refused() -> None:
     scene = column(*CROSSING, contact={"law": "exponential"})
     problem = scene.problem
     problem.deformable.offsets[1:, 2] -= 0.05
-    method = Explicit(damping="static", error_estimate=False, static_reference=False)
+    method = Explicit(damping="static")
     with pytest.raises(RefusedError, match=r"deepest 0.05 mm between blocks"):
         solve_explicit(problem, method)
 

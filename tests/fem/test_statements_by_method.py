@@ -94,10 +94,8 @@ STATEMENTS: dict[str, tuple[LoadCase, dict[str, Any]]] = {
 
 def _explicit(problem: Problem) -> Answer:
     if problem.motion is None:
-        return solve_explicit(problem, Explicit(error_estimate=False, static_reference=False))
-    return solve_explicit(
-        problem, Explicit(damping="none", ramp_time=1e-4, end_time=2e-4, error_estimate=False)
-    )
+        return solve_explicit(problem, Explicit())
+    return solve_explicit(problem, Explicit(damping="none", ramp_time=1e-4, end_time=2e-4))
 
 
 def _deck(program: Any) -> Callable[[Problem, Path], Any]:

@@ -26,12 +26,9 @@ def on_its_mesh(
     case = stated.changed(settings) if isinstance(stated, Case) else load_case(stated, settings)
     if method is not None:
         case = case.with_method(method)
-    fast: dict[str, Any] = {"fem.error_estimate": error_estimate}
     if case.scene.fem.method == "static":
-        fast["fem.mesh"] = "scene"
-    else:
-        fast["fem.static_reference"] = False
-    return solve(case.changed(fast), **follow)
+        case = case.changed({"fem.error_estimate": error_estimate, "fem.mesh": "scene"})
+    return solve(case, **follow)
 
 
 def by_options(problem: Problem, options: StaticOptions | None = None) -> Answer:

@@ -20,12 +20,11 @@ def written(case: Case, path: Path) -> Path:
 
 def printed(case: Case, folder: Path, *words: str) -> str:
     """What ``tubelock fem`` prints about a case on its mesh, its table without lines and breaks."""
-    static = case.scene.fem.method == "static"
-    fast = {"fem.error_estimate": False, **({"fem.mesh": "scene"} if static else {})}
-    path = written(case.changed(fast), folder / "scene.toml")
-    no_more = () if static else ("--no-static-reference",)
+    if case.scene.fem.method == "static":
+        case = case.changed({"fem.error_estimate": False, "fem.mesh": "scene"})
+    path = written(case, folder / "scene.toml")
     told = words if "-o" in words else (*words, "--json", str(folder / "answer.json"))
-    status, out, said = command("fem", str(path), *no_more, *told)
+    status, out, said = command("fem", str(path), *told)
     assert status == 0, said
     return re.sub(r"[│\s]+", " ", out)
 

@@ -56,12 +56,6 @@ def fem(
     max_work: MaxWorkOption = None,
     max_seconds: MaxSecondsOption = None,
     max_memory: MaxMemoryOption = None,
-    static_reference: Annotated[
-        bool,
-        typer.Option(
-            help="For explicit runs: also solve the static state and print it for comparison."
-        ),
-    ] = True,
     auto: AutoOption = None,
     keep: KeepOption = None,
     combinations: CombinationsOption = False,
@@ -79,13 +73,6 @@ def fem(
     )
     if "accuracy" in stated and resume is not None:
         raise InputError(f"--resume {resume}: a resumed run keeps its mesh; remove --accuracy")
-    if not static_reference:
-        if case.scene.fem.method == "static":
-            raise InputError(
-                "--no-static-reference: got a static scene, and only an explicit run has a static "
-                'state to compare with; leave it out, or set fem.method = "explicit"'
-            )
-        stated["static_reference"] = False
     case = with_auto(with_fields(case, stated), auto, keep or ())
     if combinations:
         others = {"resume": resume, "fields": fields, "auto": auto, "keep": keep}

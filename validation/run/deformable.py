@@ -247,10 +247,6 @@ def _remarks(scene: DeformableScene, solution: State) -> dict[str, str]:
 
 def on_its_mesh(case: Case) -> Case:
     """Return the case on the mesh of its scene, without error bars and what else takes time."""
-    method = case.method
-    plain: dict[str, Any] = {"error_estimate": False}
-    if isinstance(method, Static):
-        plain["mesh"] = "scene"
-    else:
-        plain["static_reference"] = False
-    return case.stating(case.scene.changed({"fem": plain}))
+    if not isinstance(case.method, Static):
+        return case
+    return case.stating(case.scene.changed({"fem": {"error_estimate": False, "mesh": "scene"}}))

@@ -128,8 +128,6 @@ def stated_accuracy(case: Case, accuracy: float | Mapping[str, float] | None) ->
         accuracy = dict.fromkeys(TARGETS, accuracy)
     if accuracy:
         return case.stating(case.scene.changed({"fem.accuracy": accuracy}))
-    if case.scene.fem.method == "explicit":
-        return case.stating(case.scene.changed({"fem.static_reference": False}))
     return case
 
 

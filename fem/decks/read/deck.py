@@ -100,7 +100,6 @@ class InputDeck:
             bulk_viscosity=effects.bulk_viscosity,
             ramp_time=self._built[1] or 0.0,
             end_time=self.steps[-1].duration,
-            error_estimate=False,
         )
 
 

@@ -165,10 +165,9 @@ def run_table(answer: Answer) -> RowTable:
         *parts("meshes"),
         cpu_row(answer.report["cpu_seconds"]),
     ]
-    last = parts("static_reference")
     if paper:
-        return RowTable(answer.title, [first, evidence, paper, beside, computed, last])
-    return RowTable(answer.title, [first, [*evidence, *beside], computed, last])
+        return RowTable(answer.title, [first, evidence, paper, beside, computed])
+    return RowTable(answer.title, [first, [*evidence, *beside], computed])
 
 
 def _slip_rows(slip: dict[str, float] | None) -> list[Row]:
@@ -244,9 +243,12 @@ def _why_no_bars(answer: Answer) -> str:
     limit = answer.report.get("work", {}).get("stopped_by")
     if limit is not None:
         return f"none: the limit of {limit} ended the run before the meshes that they need"
+    if answer.details.run is not None:
+        static = answer.case.method.damped(moves=False) == "static"
+        return f"none of an explicit run: {'compare, or ' if static else ''}solve on other meshes"
     if not answer.case.method.error_estimate:
         return "none: fem.error_estimate = false"
-    return "none of this kind of run"
+    return "none of a problem after another"
 
 
 def _explicit_rows(answer: Answer, result: Run) -> list[Row]:

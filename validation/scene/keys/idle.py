@@ -37,7 +37,7 @@ _NOT_WRITTEN = (
     *("material.compressive_strength", "fem.mesh", "fem.accuracy"),
     *("fem.max_work", "fem.max_seconds", "fem.max_memory"),
     *("fem.error_estimate", "fem.load_steps", "fem.motion_steps", "fem.symmetry"),
-    *("fem.residual", "fem.threads", "fem.static_reference"),
+    *("fem.residual", "fem.threads"),
     "fem.sample_interval",
 )
 #: Sections and keys that a method does not have, by its name.

@@ -142,8 +142,6 @@ def cost_cases(case: Case, *, quick: bool = False) -> dict[str, Case]:
     )
     explicit = Explicit(
         damping="static",
-        error_estimate=False,
-        static_reference=False,
         max_work=limits.max_work,
         max_memory=limits.max_memory,
     )
