@@ -25,11 +25,11 @@ ROOMS = {
     "benchmarks": (*_LAWS, "validation.output"),
     # Searches among designs whose answers are all known are verified there too.
     "verification": (*_LAWS, "validation.paper", "validation.study.optimisation"),
-    # What studies keep their rows in, and the probe by which they decide on effects.
-    "study": ("validation.study", "validation.run.probe"),
+    # What studies keep their rows in.
+    "study": ("validation.study",),
     "pages": ("validation.pages", "validation.output"),
     "robustness": ("validation.stability", "validation.statement"),
-    "cli/test_explode.py": (*_LAWS, "validation.run.rigid.explosion"),
+    "cli/test_explode.py": (*_LAWS, "validation.output.explosion"),
     "cli": ("validation.cli", "validation.scene", "validation.output"),
     # What tests leave out of commands, because it takes long.
     "fixtures/commands.py": ("fem.accuracy", "validation.output.outputs"),

@@ -10,20 +10,17 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 
 from fem.method import Explicit, Static
 from mbd.options import Rigid
-from validation.errors import InputError
-from validation.scene.deformable import (
-    METHODS,
-    DeformableSections,
-    EffectName,
-    parse_share,
-)
+from validation.errors import InputError, named
+from validation.scene.deformable import METHODS, EffectName, parse_share
 from validation.scene.keys.toml_text import toml_value
+from validation.scene.polyhedra import PolyhedralScene
 from validation.scene.read import DeformableScene, apply_overrides, check_scene, scene_data
 from validation.scene.sections import LimitsSection
 
 if TYPE_CHECKING:
     from fem.problem import Problem
     from geometry.assembly import Assembly
+    from geometry.polyhedra.options import DetectionOptions
 
 #: How blocks are answered.
 Method: TypeAlias = Rigid | Static | Explicit
@@ -40,13 +37,13 @@ class Case:
 
     name: str
     """Name of the built-in scene or stem of the file."""
-    stated: DeformableScene | Problem
-    """The checked scene, or the problem itself."""
     method: Method
     """How it is answered; of a scene its ``[fem]``, unless `with_method` says another."""
-    folder: Path = Path()
-    """Folder that file names in the scene are relative to."""
-    source: Path | None = None
+    stated: Problem | None = None
+    """The problem, where it is made already; None: it is compiled from the scene."""
+    source: DeformableScene | None = None
+    """Checked scene that the case is compiled from; None: its problem was made in Python."""
+    file: Path | None = None
     """File that the scene was read from; None: it is built in, or a problem."""
     blocks: Assembly | None = None
     """Hexahedral blocks of a case with the same blocks and mesh, taken by rigid-block analysis;
@@ -57,25 +54,20 @@ class Case:
         return f"<case {self.name}: {self.method}>"
 
     @property
-    def is_scene(self) -> bool:
-        """Whether a scene states it; else a problem that was made in Python."""
-        return isinstance(self.stated, DeformableSections)
-
-    @property
     def scene(self) -> DeformableScene:
-        """The scene that states it.
+        """The scene that it is compiled from.
 
         Raises
         ------
         InputError
             A case of a problem, which has no keys.
         """
-        if isinstance(self.stated, DeformableSections):
-            return self.stated
-        raise InputError(
-            f"{self.name}: got a problem, which has no keys of a scene; expected a case of "
-            "load_case, or dataclasses.replace(problem, ...)"
-        )
+        if self.source is None:
+            raise InputError(
+                f"{self.name}: got a problem, which has no keys of a scene; expected a case of "
+                "load_case, or dataclasses.replace(problem, ...)"
+            )
+        return self.source
 
     @cached_property
     def problem(self) -> Problem:
@@ -88,13 +80,48 @@ class Case:
         InputError
             A scene that cannot be built.
         """
-        if not isinstance(self.stated, DeformableSections):
+        if self.stated is not None:
             return self.stated
         from validation.build.problem import rigid_problem, scene_problem
 
         if isinstance(self.method, Rigid):
-            return rigid_problem(self.stated, self.name, self.folder, self.blocks)
-        return scene_problem(self.stated, self.name)
+            return rigid_problem(self.scene, self.name, self.blocks)
+        return scene_problem(self.scene, self.name)
+
+    def check(self) -> Problem:
+        """Return the problem, of which everything is rejected here that its method cannot answer.
+
+        Raises
+        ------
+        InputError
+            One line: what was got, what is expected, what to do.
+        """
+        problem = self.problem
+        if isinstance(self.method, Rigid):
+            return problem
+        with named(self.name):
+            problem = problem.meshed
+            if isinstance(self.method, Static):
+                from mbd.held import require_held
+
+                problem.require_static()
+                require_held(problem, self.solids)
+            problem.require_action()
+            _ = problem.deformable
+        return problem
+
+    @property
+    def solids(self) -> DetectionOptions | None:
+        """How contacts of solids are found, where its blocks are solids; None: they are not."""
+        if isinstance(self.source, PolyhedralScene):
+            return self.source.detection.options
+        solid = self.source is None and self.problem.is_solid
+        return self.problem.blocks.detection if solid else None
+
+    @property
+    def limits(self) -> LimitsSection:
+        """What can be built."""
+        return LimitsSection() if self.source is None else self.source.limits
 
     @property
     def keys(self) -> dict[str, Any]:
@@ -102,17 +129,10 @@ class Case:
         return self.scene.model_dump(mode="json", exclude_unset=True)
 
     @property
-    def limits(self) -> LimitsSection:
-        """What can be built."""
-        scene = self.stated if isinstance(self.stated, DeformableSections) else None
-        return LimitsSection() if scene is None else scene.limits
-
-    @property
     def reads(self) -> tuple[Path, ...]:
         """Files that say what the case is: its own, and those of its blocks."""
-        parts = self.stated.files if isinstance(self.stated, DeformableSections) else ()
-        own = () if self.source is None else (self.source,)
-        return (*own, *(self.folder / part.file for part in parts))
+        parts = () if self.source is None else self.source.files
+        return (*(() if self.file is None else (self.file,)), *(Path(p.file) for p in parts))
 
     def changed(self, settings: Settings) -> Case:
         """Return the case with other values, by the keys of its scene.
@@ -128,7 +148,7 @@ class Case:
     def stating(self, scene: DeformableScene) -> Case:
         """Return the case with another scene, and the same kind of method."""
         method = scene.rigid.method if isinstance(self.method, Rigid) else scene.method
-        return replace(self, stated=scene, method=method, blocks=None)
+        return replace(self, source=scene, method=method, stated=None, blocks=None)
 
     def with_method(self, method: Method | str) -> Case:
         """Return the case with another method, or with "rigid", "static" or "explicit" as stated.
@@ -138,17 +158,17 @@ class Case:
         InputError
             A method of another name, or one that the blocks cannot have.
         """
-        if not isinstance(self.stated, DeformableSections):
+        if self.source is None:
             return replace(self, method=_named(self.name, method))
         if method == "rigid":
-            return replace(self, method=self.stated.rigid.method)
+            return replace(self, method=self.source.rigid.method)
         if isinstance(method, Rigid):
             keys = {f.name: getattr(method, f.name) for f in fields(method)}
-            return replace(self, stated=self.stated.changed({"rigid": keys}), method=method)
+            return replace(self, source=self.source.changed({"rigid": keys}), method=method)
         if isinstance(method, str):
             _named(self.name, method)
-            return self.stating(self.stated.changed({"fem": {"method": method}}))
-        return self.stating(self.stated.solved_by(method))
+            return self.stating(self.source.changed({"fem": {"method": method}}))
+        return self.stating(self.source.solved_by(method))
 
 
 def _named(name: str, method: Method | str) -> Method:
@@ -191,13 +211,13 @@ def load_case(
     scene = check_scene(apply_overrides(data, settings_words(settings)), text)
     scene = scene.located(path.parent)
     own = path if path.is_file() else None
-    case = Case(name=name, stated=scene, method=scene.method, folder=path.parent, source=own)
+    case = Case(name=name, source=scene, method=scene.method, file=own)
     return case if method is None else case.with_method(method)
 
 
 def scene_case(scene: DeformableScene, name: str) -> Case:
     """Case of a scene that was made, not read."""
-    return Case(name=name, stated=scene, method=scene.method)
+    return Case(name=name, source=scene, method=scene.method)
 
 
 def settings_words(settings: Settings) -> list[str]:

@@ -136,6 +136,7 @@ def compare(*answers: Answer) -> Comparison:
     """Compare answers to one problem: measures side by side, pressures facet by facet.
 
     ``print(compare(rigid, static))`` is what `tubelock compare` prints; ``draw(path)`` its picture.
+    ``.why()`` solves the steps between, one assumption at a time: what ``--why`` prints beside.
 
     Raises
     ------

@@ -2,28 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import asdict, dataclass, replace
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
-from geometry.parts.rows import Notes, Row
+from fem.method import Static
+from geometry.compilation.clocks import stages
+from geometry.errors import RefusedError
 from mbd.options import Rigid
 from validation.case import Case
 from validation.errors import InputError, named
-from validation.scene.family import RoundScene
-from validation.scene.polyhedra import STRAIGHT_EDGES, PolyhedralScene
 
 if TYPE_CHECKING:
     from fem.explicit.solve import Frame
     from geometry.answer import Answer
     from geometry.machine.work import Budget
-    from geometry.parts.rows import Part
-    from mbd.analysis import RigidStatement
-
-#: Load cases that put the ring of a tube under pressure: the loaded face, and what the ring gets.
-_RINGS = {"pipe": ("inner", "tension"), "tunnel": ("outer", "compression")}
-_OPPOSITE = {"tension": "compression", "compression": "tension"}
 
 
 def solve(
@@ -61,21 +56,61 @@ def solve(
     KeyboardInterrupt
         An explicit run that was interrupted and has no checkpoint.
     """
-    show = progress or (lambda _: None)
-    if isinstance(case.method, Rigid):
-        answer = solve_rigid(case, show)
-    else:
-        from validation.run.deformable import Follower, deformable_answer
+    show, method = progress or (lambda _: None), case.method
+    show("builds the blocks and finds where they touch")
+    with stages() as watch:
+        problem = case.check()
+        watch.lap("build")
+    built = watch.seconds()
+    with _explained(case) if isinstance(method, Static) else named(case.name):
+        if isinstance(method, Rigid):
+            from mbd.answer import analyse
 
-        follower = Follower(progress=show, on_frame=on_frame, checkpoint=checkpoint, resume=resume)
-        answer = deformable_answer(case, follower, otherwise=otherwise)
-        run = answer.details.run
-        if checkpoint is None and run is not None and run.status == "interrupted":
-            raise KeyboardInterrupt(
-                f"{run.n_steps} time steps were done; no checkpoint was written: -o names a folder "
-                "for one"
+            answer = analyse(problem, method, progress=show)
+        elif isinstance(method, Static):
+            from fem.accuracy.statics import solve_static
+
+            answer = solve_static(
+                problem, method, otherwise=otherwise, progress=show, on_frame=on_frame
             )
+        else:
+            from fem.dynamics import solve_explicit
+
+            answer = solve_explicit(
+                problem,
+                method,
+                progress=show,
+                on_frame=on_frame,
+                checkpoint=checkpoint,
+                resume=resume,
+            )
+            run = answer.details.run
+            if checkpoint is None and run.status == "interrupted":
+                raise KeyboardInterrupt(
+                    f"{run.n_steps} time steps were done; no checkpoint was written: -o names a "
+                    "folder for one"
+                )
+    if case.source is not None:
+        from validation.build.answered import of_scene
+
+        answer = of_scene(case, answer, built)
     return replace(answer, case=case)
+
+
+@contextmanager
+def _explained(case: Case) -> Iterator[None]:
+    """Name the case where a static run ends without an answer, and what lets blocks move."""
+    with named(case.name):
+        try:
+            yield
+        except RefusedError as error:
+            from mbd.held import why_unheld
+
+            # A limit of work or time says nothing of the blocks.
+            why = why_unheld(case.problem.meshed, case.solids) if error.of_input else None
+            if why is not None:  # then the solver's own remedies do not help
+                error.args = (f"{str(error).partition('; ')[0]}: {why}",)
+            raise
 
 
 def repeatable(answer: Answer) -> Answer:
@@ -104,93 +139,3 @@ def repeatable(answer: Answer) -> Answer:
             f"the machine; expected {section}.max_work, which is the same on every machine"
         )
     return answer
-
-
-# ---------------------------------------------------------------------------------------------
-# Rigid blocks
-
-
-def solve_rigid(
-    case: Case, tell: Callable[[str], None], stated: RigidStatement | None = None
-) -> Answer:
-    """Answer a case by rigid blocks, which may be built already: ``stated``."""
-    from geometry.compilation.clocks import stages, summed
-    from mbd.answer import analyse
-
-    assert isinstance(case.method, Rigid)
-    with stages() as watch:
-        if stated is None:
-            tell("reads the blocks and finds where they touch")
-            stated = case.problem
-        watch.lap("build")
-    built = watch.seconds()
-    with named(case.name):
-        answer = analyse(stated, case.method, progress=tell)
-        parts = _rigid_parts(case, answer) if case.is_scene else {}
-    seconds = summed({"build": 0.0} | answer.details.cpu_seconds, built)
-    told: dict[str, Any] = {"scene": case.name, "cpu_seconds": seconds}
-    if case.is_scene:
-        told["load"] = case.scene.load_words
-    return replace(answer.beside(parts, told), case=case)
-
-
-def _rigid_parts(case: Case, answer: Answer) -> dict[str, Part]:
-    """What a scene adds to the answer of its rigid blocks."""
-    from validation.build.problem import scene_planes
-
-    scene, blocks = case.scene, answer.details.blocks
-    parts: dict[str, Part] = {}
-    hoop = hoop_stress(scene)
-    if hoop is not None:
-        parts["ring_pressure"] = hoop
-    cut = scene_planes(scene, blocks)
-    if cut is not None:
-        carried = answer.details.holds and answer.cut is not None
-        none = Notes([Row("sections", "none: the load is not carried")])
-        parts["sections"] = answer.cut(cut) if carried and answer.cut is not None else none
-    if isinstance(scene, PolyhedralScene):
-        from validation.build.readings import doubts
-
-        straight = any(shape.straightened for shape in blocks.shapes)
-        notes = {"edges": STRAIGHT_EDGES} if straight else {}
-        notes |= doubts(scene, blocks, case.folder, blocks)
-        parts["notes"] = Notes([Row(*note) for note in notes.items()])
-    return parts
-
-
-@dataclass(frozen=True)
-class HoopStress:
-    """Mean hoop stress p·r/t of a closed ring, by hand."""
-
-    value: float
-    """[MPa]"""
-    radius: float
-    """Of the loaded face [mm]."""
-    sense: str
-    """Tension or compression."""
-    unit: str = "MPa"
-
-    @property
-    def rows(self) -> list[Row]:
-        """The stress, with a remark on dry joints."""
-        words = f"{self.value:.5g} MPa, mean hoop {self.sense} of a closed ring, "
-        words += f"r = {self.radius:g} mm"
-        if self.sense == "tension":
-            words += "; dry joints carry no tension: waves and end rings do"
-        return [Row("hoop stress p·r/t", words, self.value, self.unit)]
-
-    def as_json(self) -> dict[str, Any]:
-        """Return plain data."""
-        return asdict(self)
-
-
-def hoop_stress(scene: object) -> HoopStress | None:
-    """Hoop stress of a tube under pressure; None of all else."""
-    if not isinstance(scene, RoundScene) or scene.load.case not in _RINGS:
-        return None
-    face, sense = _RINGS[scene.load.case]
-    pressure, thickness = scene.load.pressure, scene.thickness
-    radius = float(scene.block.inner_radius)
-    radius += thickness * (face == "outer")
-    sense = sense if pressure >= 0.0 else _OPPOSITE[sense]
-    return HoopStress(abs(pressure) * radius / thickness, radius, sense)

@@ -11,7 +11,7 @@ from pathlib import Path
 from ext.runs import ROOT, emptied
 
 #: What is shown; and what stands in no program of a reader: compiled loops.
-_SHOWN = ("geometry", "mbd", "fem", "validation/scene", "validation/build", "validation/run")
+_SHOWN = ("geometry", "mbd", "fem", "validation/scene", "validation/build")
 _INNER = ("fem/explicit/kernels",)
 
 

@@ -17,7 +17,7 @@ from geometry.polyhedra.assembly import as_polyhedral
 from tests.support.blocks import tsb
 from tests.support.commands import command
 from validation import load_case, solve
-from validation.run.rigid.explosion import (
+from validation.output.explosion import (
     FirstOrderExplosion,
     first_order_explosion,
     follow_explosion,

@@ -43,7 +43,7 @@ UNUSED = (
     *("mbd.programs", "mbd.friction", "mbd.pushes", "mbd.force_range", "mbd.sliding_collapse"),
     *("validation.output.pictures.canvas", "validation.output.pictures.gallery"),
     *("validation.study", "validation.pages", "validation.paper", "validation.stability"),
-    *("validation.run.deformable", "validation.build.polyhedra", "validation.scene.families.box"),
+    *("mbd.held", "validation.build.polyhedra", "validation.scene.families.box"),
 )
 
 

@@ -5,9 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from fem import Static
 from fem.accuracy import statics
 from tests.support.answers import on_its_mesh
-from validation import Case, InputError, load_case
+from validation import Case, InputError, load_case, solve
 
 
 def _pile(slope: float, friction: float | None, height: float = 10.0) -> Case:
@@ -86,3 +87,10 @@ def test_points_inside_the_edges_are_named_where_they_decide() -> None:
         with pytest.raises(InputError, match="block 1 tips on block 0") as refused:
             on_its_mesh(case)
         assert "finer mesh" in str(refused.value)
+
+
+def test_a_problem_made_in_python_is_refused_alike(monkeypatch: pytest.MonkeyPatch) -> None:
+    problem = _pile(3.0, 0.3).problem
+    monkeypatch.setattr(statics, "static_state", _solver_called)
+    with pytest.raises(InputError, match=r"^mine: no static state: block 1 slides on block 0"):
+        solve(Case(name="mine", stated=problem, method=Static(mesh="scene")))

@@ -16,9 +16,9 @@ from geometry import Answer
 from tests.support.answers import on_its_mesh
 from tests.support.commands import command
 from validation import Case, InputError, compare, load_case
-from validation.run.probe import Change, Numbers, change
 from validation.study.comparison.scene import compared_runs
 from validation.study.effects.auto import EffectsDecision, decide_effects, require_wider
+from validation.study.effects.probe import Change, Numbers, change
 from validation.study.effects.switches import effects_of, has_effect
 
 #: Finer than the probe's 12 × 2 × 4 elements, and still quick.
@@ -275,8 +275,8 @@ def test_sideways_weight_breaks_the_sector() -> None:
 def test_rigid_blocks_of_a_comparison_weigh_as_much() -> None:
     # The frame carries the weight of the free blocks, to the residual of the equilibrium.
     weighed = [*COARSE, "effects.gravity=[0,0,-9806.65]", "fem.mesh='scene'"]
-    rigid, deformable = compared_runs("tube", load_case("tsb1-pipe", weighed).scene)
-    found, assembly = compare(*rigid, *deformable), rigid[0].details.blocks
+    answers = compared_runs(load_case("tsb1-pipe", weighed))
+    found, assembly = compare(*answers), answers[0].details.blocks
     weight = 2.4e-9 * 9806.65 * assembly.volumes[assembly.free_blocks].sum()
     m, s = assembly.fixed[np.unique(found.contacts["blocks"], axis=0)].T
     for forces in found.interface_forces[:2]:

@@ -10,9 +10,8 @@ from dataclasses import replace
 
 from fem.decks.deck import Deck, Flavour
 from fem.decks.problem import problem_deck
-from fem.method import Explicit
+from fem.method import Explicit, Static
 from validation.build.cell import refuse_cell
-from validation.build.problem import build_hexahedra, build_problem, fem_section
 from validation.case import Case
 from validation.errors import named
 from validation.scene.deformable import Method
@@ -20,22 +19,17 @@ from validation.scene.polyhedra import STRAIGHT_EDGES
 from validation.scene.read import DeformableScene
 
 
-def build_deck(file: Case, flavour: Flavour | None = None) -> Deck:
+def build_deck(case: Case, flavour: Flavour | None = None) -> Deck:
     """State the problem of a scene for another program.
 
     Without a flavour the deck follows the scene's method: static as a static step of
     Abaqus/Standard with contact pairs, explicit as Abaqus/Explicit with general contact.
     """
-    with named(file.name):
-        return _deck(file.name, file.scene, flavour)
-
-
-def _deck(name: str, scene: DeformableScene, flavour: Flavour | None) -> Deck:
-    static = fem_section(scene, name).method is Method.STATIC
+    scene, static = case.scene, isinstance(case.method, Static)
     if flavour is None:
         flavour = Flavour.STANDARD if static else Flavour.GENERAL
-    refuse_cell(scene, name, "export")
-    problem = build_problem(scene, name, build_hexahedra(scene, name))
+    refuse_cell(scene, case.name, "export")
+    problem = case.problem
     notes = []
     # CalculiX has no contact in explicit steps; single bodies do what the scene says.
     as_stated = flavour is Flavour.CALCULIX and not scene.meets
@@ -49,7 +43,8 @@ def _deck(name: str, scene: DeformableScene, flavour: Flavour | None) -> Deck:
     if scene.straightened(problem.blocks):
         notes.append(f"edges: {STRAIGHT_EDGES}")
     notes += _step_notes(scene, flavour, run)
-    return problem_deck(problem, flavour, run, name=name, notes=tuple(notes))
+    with named(case.name):
+        return problem_deck(problem, flavour, run, name=case.name, notes=tuple(notes))
 
 
 def _step_notes(scene: DeformableScene, flavour: Flavour, run: Explicit | None) -> list[str]:

@@ -38,19 +38,19 @@ Shape = TypeVar("Shape")
 LARGEST_ANGLE = 3600.0
 
 
-def build_polyhedra(scene: PolyhedralScene, folder: Path) -> PolyhedralAssembly:
-    """Build and check the blocks of a scene; names of files are relative to the folder."""
-    assembly = build_solids(scene, folder)
+def build_polyhedra(scene: PolyhedralScene) -> PolyhedralAssembly:
+    """Build and check the blocks of a scene."""
+    assembly = build_solids(scene)
     check_block_size(scene, assembly)
     check_assembly(assembly, supported_blocks(scene, assembly))
     return assembly
 
 
-def build_solids(scene: PolyhedralScene, folder: Path) -> PolyhedralAssembly:
+def build_solids(scene: PolyhedralScene) -> PolyhedralAssembly:
     """Build the blocks of a scene, whose contacts are not checked."""
     detection = scene.detection.options
     if isinstance(scene, MeshScene):
-        return _from_files(scene, folder, detection)
+        return _from_files(scene, detection)
     with keyed(scene.keys):
         return scene.stated.build(detection)
 
@@ -71,8 +71,8 @@ def motion(place: PlaceSection) -> tuple[FloatArray, FloatArray]:
     return np.asarray(turn, dtype=np.float64), np.array(place.at)
 
 
-def _from_files(scene: MeshScene, folder: Path, detection: DetectionOptions) -> PolyhedralAssembly:
-    placed = placed_solids(scene, [file_solids(scene, part, folder) for part in scene.parts])
+def _from_files(scene: MeshScene, detection: DetectionOptions) -> PolyhedralAssembly:
+    placed = placed_solids(scene, [file_solids(scene, part) for part in scene.parts])
     assembly = polyhedral_assembly(
         "own blocks",
         placed.blocks,
@@ -116,11 +116,11 @@ def placed_solids(scene: MeshScene, solids: Sequence[Sequence[Polyhedron]]) -> P
     return PlacedSolids(blocks, fixed, names if any(names) else (), tuple(parts))
 
 
-def file_solids(scene: MeshScene, part: PartSection, folder: Path) -> list[Polyhedron]:
+def file_solids(scene: MeshScene, part: PartSection) -> list[Polyhedron]:
     """Solids of one of the files of a scene."""
     block = scene.block
     return read_blocks(
-        folder / part.file,
+        Path(part.file),
         units=block.units,
         element_size=block.element_size,
         repair=block.repair,
@@ -154,7 +154,7 @@ def build_own_blocks(scene: PolyhedralScene, name: str) -> LoadCase:
         )
     mesh = scene.mesh
     try:
-        solids = replace(build_solids(scene, Path()), name=name)
+        solids = replace(build_solids(scene), name=name)
         check_block_size(scene, solids)
         assembly = with_hexahedra(
             solids, mesh.divisions, mesh.size, lambda blocks: supported_blocks(scene, blocks)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -35,8 +34,8 @@ from validation.scene.read import DeformableScene
 from validation.scene.sections import WholeScene
 
 
-def fem_section(scene: DeformableScene, name: str) -> FemSection:
-    """How the scene is to be solved."""
+def _refuse(scene: DeformableScene, name: str) -> None:
+    """Reject what no method of deformable blocks has, before blocks are built."""
     if scene.effects.auto is not None:
         raise InputError(
             f"{name}: effects.auto is decided by `tubelock fem` and `compare`; here, write the "
@@ -47,23 +46,15 @@ def fem_section(scene: DeformableScene, name: str) -> FemSection:
             f'{name}: fem.degree: got {scene.fem.degree} with fem.method = "{scene.fem.method}"; '
             'explicit runs have elements of degree 1: expected 1, or fem.method = "static"'
         )
-    refuse_linear_keys(scene.fem, name)
-    method = scene.method
-    static = isinstance(method, Static)
-    with budget(memory=method.max_memory):
-        large = too_large_to_deform(scene, static=static)
+    if scene.fem.degree > 1 and scene.fem.element != FemSection.model_fields["element"].default:
+        raise InputError(
+            f'{name}: fem.element: got "{scene.fem.element.value}" with fem.degree = '
+            f"{scene.fem.degree}, whose elements have one kind; remove it, or take fem.degree = 1"
+        )
+    with budget(memory=scene.method.max_memory):
+        large = too_large_to_deform(scene, static=isinstance(scene.method, Static))
     if large is not None:
         raise LimitError("memory", f"{name}: {large}")
-    return scene.fem
-
-
-def refuse_linear_keys(fem: FemSection, name: str) -> None:
-    """Reject kinds of elements that only those of degree 1 have."""
-    if fem.degree > 1 and fem.element != FemSection.model_fields["element"].default:
-        raise InputError(
-            f'{name}: fem.element: got "{fem.element.value}" with fem.degree = {fem.degree}, whose '
-            "elements have one kind; remove it, or take fem.degree = 1"
-        )
 
 
 def build_friction(
@@ -94,7 +85,7 @@ def build_law(scene: DeformableScene, assembly: AnyBlocks, *, sliding: bool) -> 
     return PairLaws(law, of_pairs) if of_pairs else law
 
 
-def build_hexahedra(scene: DeformableScene, name: str) -> LoadCase:
+def _build_hexahedra(scene: DeformableScene, name: str) -> LoadCase:
     """Build the load of a scene on its blocks, every one with hexahedra."""
     if scene.is_cell:
         return scene_load(scene, build_cell(scene, name))
@@ -128,12 +119,12 @@ def element_degree(scene: DeformableScene, assembly: Assembly) -> int:
     return usual_degree(assembly, friction=scene.effects.friction is not None)
 
 
-def build_problem(scene: DeformableScene, name: str, load: LoadCase) -> Problem:
+def _build_problem(scene: DeformableScene, load: LoadCase) -> Problem:
     """State the problem of a scene on blocks, whatever is to solve it: a method or a deck.
 
     Where facets do not match, or the scene states it, contact searches facets that face each other.
     """
-    fem, contact, assembly = fem_section(scene, name), scene.contact, load.assembly
+    fem, contact, assembly = scene.fem, scene.contact, load.assembly
     assert isinstance(assembly, Assembly)
     degree = element_degree(scene, assembly)
     element = {"element": fem.element} if degree == 1 else {"degree": degree}
@@ -164,9 +155,7 @@ def build_problem(scene: DeformableScene, name: str, load: LoadCase) -> Problem:
     )
 
 
-def rigid_problem(
-    scene: DeformableScene, name: str, folder: Path, known: Assembly | None = None
-) -> Problem:
+def rigid_problem(scene: DeformableScene, name: str, known: Assembly | None = None) -> Problem:
     """State the problem of a scene for rigid blocks: solids stay solids.
 
     ``known`` are hexahedral blocks that are built already.
@@ -175,7 +164,7 @@ def rigid_problem(
         if isinstance(scene, PolyhedralScene):
             from validation.build.polyhedra import build_live_load, build_polyhedra
 
-            solids = build_polyhedra(scene, folder)
+            solids = build_polyhedra(scene)
             live = build_live_load(scene, solids)
             load = LoadCase(solids, "variable load", (), solids.fixed, body_wrenches=live)
             load = stated_load(scene, solids, load)
@@ -202,10 +191,10 @@ def rigid_problem(
 
 def scene_problem(scene: DeformableScene, name: str) -> Problem:
     """State the problem of a scene for deformable blocks: solids have hexahedra."""
-    fem_section(scene, name)  # before blocks are built that no memory holds
-    load = build_hexahedra(scene, name)
+    _refuse(scene, name)  # before blocks are built that no memory holds
+    load = _build_hexahedra(scene, name)
     with named(name):
-        problem = build_problem(scene, name, load)
+        problem = _build_problem(scene, load)
         cut = scene_planes(scene, problem.blocks)
         if cut is not None:
             from fem.stresses.sections import check_planes

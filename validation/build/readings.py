@@ -25,7 +25,6 @@ _ASIDE = 0.25
 def doubts(
     scene: PolyhedralScene,
     assembly: AnyBlocks,
-    folder: Path,
     surfaces: PolyhedralAssembly | None,
 ) -> dict[str, str]:
     """Rows on what was changed or left out of files, what looks turned, and faces without contact.
@@ -40,11 +39,11 @@ def doubts(
             f"{number} flat pieces for each: volume and weight {100.0 * less:+.2g} %"
         )
     if isinstance(scene, MeshScene):
-        out = parts_left_out(scene, folder)
+        out = parts_left_out(scene)
         if out:
             rows["left out"] = ", ".join(out)
         if scene.block.repair:
-            rows["repaired"] = _repairs(scene, folder)
+            rows["repaired"] = _repairs(scene)
         if surfaces is not None:
             facing = facing_words(surfaces)
             if facing:
@@ -55,11 +54,11 @@ def doubts(
     return rows
 
 
-def parts_left_out(scene: MeshScene, folder: Path) -> list[str]:
+def parts_left_out(scene: MeshScene) -> list[str]:
     """Solids and objects of the files of a scene that are no blocks."""
     out = [f"{Path(part.file).name}: {one}" for part in scene.parts for one in part.leave_out]
     for file in dict.fromkeys(part.file for part in scene.parts):
-        out += [f"{Path(file).name}: {one}" for one in left_out(folder / file)]
+        out += [f"{Path(file).name}: {one}" for one in left_out(Path(file))]
     return out
 
 
@@ -85,11 +84,11 @@ def facing_words(surfaces: PolyhedralAssembly) -> str:
     )
 
 
-def _repairs(scene: MeshScene, folder: Path) -> str:
+def _repairs(scene: MeshScene) -> str:
     changed = [
         f"{solid.name}: {', '.join(solid.repairs)}"
         for part in {part.file: part for part in scene.parts}.values()
-        for solid in file_solids(scene, part, folder)
+        for solid in file_solids(scene, part)
         if solid.repairs
     ]
     return "; ".join(changed) or "nothing had to be changed"

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -27,38 +27,36 @@ def compare(
     explicit: Annotated[
         bool, typer.Option(help="Also run a quasi-static explicit analysis.")
     ] = False,
+    why: Annotated[
+        bool, typer.Option("--why", help="Also solve the steps from rigid to deformable blocks.")
+    ] = False,
     auto: AutoOption = None,
     keep: KeepOption = None,
 ) -> None:
     """Compare rigid and finite-element results on the same facets.
 
-    Prints tables, the influence of each modelling assumption, and a conclusion.
+    Prints tables and a conclusion; with --why the influence of each modelling assumption.
     """
     from geometry.machine.system import peak_memory_mb
-    from validation.build.cell import refuse_cell
     from validation.case import load_case, require_deformable, with_auto
-    from validation.notebook import compare as compared
     from validation.output.progress import solver_progress
     from validation.study.comparison import report
-    from validation.study.comparison.scene import comparable_problem, compared_runs
+    from validation.study.comparison.scene import compared_runs
 
-    file = with_auto(load_case(scene, settings or ()), auto, keep or ())
-    with scene_outputs(file, json, output, (report.PICTURE,), ending="-compare") as outputs:
-        checked, added = require_deformable(file, "compare"), {}
-        if checked.effects.auto is not None:
+    case, added = with_auto(load_case(scene, settings or ()), auto, keep or ()), dict[str, Any]()
+    with scene_outputs(case, json, output, (report.PICTURE,), ending="-compare") as outputs:
+        require_deformable(case, "compare")
+        if case.scene.effects.auto is not None:
             from validation.study.effects.report import decided
 
-            checked, decision = decided(checked, file.name, outputs.console, keep or ())
-            added["effects_decision"] = decision.as_json()
-        refuse_cell(checked, file.name, "compare")
-        comparable_problem(checked, file.name)
-        with solver_progress(file.name) as show:
-            show("rigid blocks, then static")
-            rigid, deformable = compared_runs(file.name, checked, explicit=explicit, progress=show)
-            result = compared(*rigid, *deformable)
-            data = result.as_dict()
+            checked, decision = decided(case.scene, case.name, outputs.console, keep or ())
+            case, added = case.stating(checked), {"effects_decision": decision.as_json()}
+        with solver_progress(case.name) as show:
+            answers = compared_runs(case, explicit=explicit, progress=show)
+            result = report.compare_answers(answers)
+            result = result.why() if why else result
         report.print_comparison(result, outputs.console)
         outputs.tell_keys()
-        peak = peak_memory_mb()
         outputs.write("picture", report.PICTURE, result.draw)
-        outputs.write_json({"scene": file.name, **data, "peak_memory_mb": peak, **added})
+        peak = {"peak_memory_mb": peak_memory_mb()}
+        outputs.write_json({"scene": case.name, **result.as_dict(), **peak, **added})

@@ -167,7 +167,7 @@ def _check_scene(file: Path, json: str | None) -> None:
     with Outputs(json, reads=(file,), exit_line=False) as outputs:
         case, blocks = load_case(str(file)), None
         if isinstance(case.scene, MeshScene):
-            blocks = check_parts(case.scene, case.folder, file)
+            blocks = check_parts(case.scene, file)
             outputs.console.print(blocks.table())
         outputs.say("scene", file)
         found = {} if blocks is None else blocks.as_dict()

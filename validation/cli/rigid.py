@@ -66,12 +66,6 @@ def mbd(
     from validation.case import load_case
     from validation.output.progress import following
     from validation.output.rigid import FILES, explosion_table, rigid_table, write_rigid
-    from validation.run.rigid.mesh_and_frames import (
-        layers_to_unlock,
-        refined,
-        require_mesh,
-        require_tube,
-    )
     from validation.solving import solve
 
     asked = method_fields(max_work=max_work, max_seconds=max_seconds)
@@ -80,14 +74,14 @@ def mbd(
         alone = {"fields": fields, "layers-to-unlock": unlock, "refine": refine}
         solve_combinations(file, json, output, alone | {"disassemble": disassemble})
         return
-    if unlock:
-        require_tube(file)
-    if refine:
-        require_mesh(file)
+    if unlock or refine:
+        from validation.study import mesh_and_frames as others
+
+        others.check(file, unlock=unlock, refine=refine)
     with scene_outputs(file, json, output, FILES, fields=fields) as outputs:
         explosion = None
         if disassemble:
-            from validation.run.rigid.explosion import run_explosion
+            from validation.output.explosion import run_explosion
 
             with following(f"{file.name}: motion outwards"):
                 explosion = run_explosion(file)
@@ -97,10 +91,10 @@ def mbd(
         added: dict[str, Any] = {}
         if unlock:
             with following(f"{file.name}: layers to unlock"):
-                parts["layers_to_unlock"] = layers_to_unlock(file)
+                parts["layers_to_unlock"] = others.layers_to_unlock(file)
         if refine:
             with following(f"{file.name}: half the facet size"):
-                parts["refinement"] = refined(file, answer)
+                parts["refinement"] = others.refined(file, answer)
         answer = answer.beside(parts, {})
         outputs.show(rigid_table(answer))
         outputs.tell_keys()

@@ -24,7 +24,7 @@ _SOURCES = {
     "geometry": ("**/*.py",),
     "mbd": ("**/*.py",),
     "fem": ("**/*.py",),
-    "validation": ("scene/**/*.py", "build/**/*.py", "run/**/*.py", "*.py", "study/design.py"),
+    "validation": ("scene/**/*.py", "build/**/*.py", "*.py", "study/design.py"),
 }
 
 

@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from geometry.polyhedra.assembly import PolyhedralAssembly
 
     # Machine code that no other rigid answer needs comes with it.
-    from validation.run.rigid.explosion import Explosion
+    from validation.output.explosion import Explosion
 
 #: Files of a rigid answer.
 FILES = (

@@ -193,13 +193,13 @@ def check_file(path: Path, *, units: str, up: str, repair: bool) -> BlockCheck:
     return _with_neighbours(check, DetectionOptions())
 
 
-def check_parts(scene: MeshScene, folder: Path, path: Path) -> BlockCheck:
+def check_parts(scene: MeshScene, path: Path) -> BlockCheck:
     """Look at all blocks of a scene of files, where it places them, as `check_file` does."""
     section, solids = scene.block, []
     faults: dict[int, list[str]] = {}
     for part in scene.parts:
         result = diagnosed_blocks(
-            folder / part.file,
+            Path(part.file),
             units=section.units,
             element_size=section.element_size,
             repair=section.repair,
@@ -211,7 +211,7 @@ def check_parts(scene: MeshScene, folder: Path, path: Path) -> BlockCheck:
         faults |= {id(block): of_block for block, of_block in kept}
     placed = placed_solids(scene, solids)
     of_blocks = [faults[id(block)] for block, _, _ in placed.blocks]
-    out = parts_left_out(scene, folder)
+    out = parts_left_out(scene)
     check = BlockCheck(path, section.units, placed, of_blocks, left_out=out)
     return _with_neighbours(check, scene.detection.options)
 

@@ -265,7 +265,7 @@ class SceneStudy(Study):
 
 def case_content(case: Case) -> list[Any]:
     """What a case of a scene states: method, keys, and the files of its blocks."""
-    return [case.method.name, case.keys, digests(p for p in case.reads if p != case.source)]
+    return [case.method.name, case.keys, digests(p for p in case.reads if p != case.file)]
 
 
 def digests(files: Iterable[Path]) -> dict[str, str]:

@@ -36,7 +36,7 @@ from validation.output.pictures.scales import VERMILION, Scale, pressure_scale
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-    from validation.run.rigid.explosion import Explosion
+    from validation.output.explosion import Explosion
 
 _PALE = "#9ECAE1"
 #: Panels of an explosion, in wall thicknesses.

@@ -8,7 +8,7 @@ import math
 import tempfile
 import time
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -139,7 +139,7 @@ def _bar(scale: Scale | None) -> dict[str, Any] | None:
 # Deformable blocks
 
 
-def solve_deformable(connection: Any, name: str, data: Mapping[str, Any], folder: str) -> None:
+def solve_deformable(connection: Any, name: str, data: Mapping[str, Any]) -> None:
     """Solve a scene in a process of its own; send its progress, and what is shown at the end.
 
     What is sent are pairs: ``progress`` or ``failed`` with a line, ``done`` with a `Shown`.
@@ -150,7 +150,7 @@ def solve_deformable(connection: Any, name: str, data: Mapping[str, Any], folder
 
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the server ends this process
     try:
-        file = replace(scene_case(check_scene(data, name), name), folder=Path(folder))
+        file = scene_case(check_scene(data, name), name)
         connection.send(("done", _deformable_shown(file, partial(_send, connection))))
     except RefusedError as error:
         connection.send(("failed", str(error)))

@@ -177,7 +177,7 @@ class _Channel(WebSocketHandler):
         data = self.current.scene.model_dump(mode="json", exclude_unset=True)
         self.process = multiprocessing.get_context("spawn").Process(
             target=solve_deformable,
-            args=(theirs, self.file.name, data, str(self.file.folder)),
+            args=(theirs, self.file.name, data),
             daemon=True,
         )
         self.process.start()

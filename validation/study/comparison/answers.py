@@ -8,9 +8,9 @@ whole tube; p_eff, p_max; force resultants per interface; time of each.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 
@@ -47,6 +47,8 @@ class ComparedAnswers:
     """In the order in which they were given."""
     places: tuple[IntArray, ...]
     """Where the facets that all answers share are in the contacts of each, (n,) each."""
+    steps: tuple[dict[str, Any], ...] = ()
+    """From rigid blocks to the static answer, one assumption at a time: see `why`."""
 
     @cached_property
     def names(self) -> tuple[str, ...]:
@@ -181,15 +183,14 @@ class ComparedAnswers:
         scale = float(np.sqrt(np.mean(static**2)))
         return float(np.sqrt(np.mean((ours - static) ** 2))) / scale if scale > 0 else 0.0
 
-    @cached_property
-    def steps(self) -> tuple[dict[str, Any], ...]:
-        """From rigid blocks to the static answer, one assumption at a time; solved when read.
+    def why(self) -> Self:
+        """Return the comparison with the steps from rigid blocks to the static answer, solved now.
 
-        Nothing without a rigid and a static answer, or where the problem was left behind.
+        None without a rigid and a static answer, or where the problem was left behind.
         """
         static = self.static
         known = self.rigid is not None and static.method == "static" and static.problem is not None
-        return tuple(decompose(static)) if known else ()
+        return replace(self, steps=tuple(decompose(static)) if known else ())
 
     @cached_property
     def explicit_errors(self) -> dict[str, float] | None:

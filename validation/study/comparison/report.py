@@ -106,7 +106,7 @@ def _parts(compared: ComparedAnswers) -> Iterator[RenderableType]:
     }
     yield tabled(title, rows, agreements, words=2)
     yield _AGREEMENT
-    if compared.explanations:
+    if compared.steps:
         yield (
             "Influence of each modelling assumption, from rigid to deformable blocks (one mesh, "
             "without error bars):"

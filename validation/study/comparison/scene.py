@@ -1,4 +1,4 @@
-"""`tubelock compare`: rigid, static and explicit answers to one scene, on the same facets.
+"""`tubelock compare`: rigid, static and explicit answers to one case, on the same facets.
 
 The static answer is the converged one, evaluated over the facets of the scene's mesh; an explicit
 run has the elements of that mesh, and so has the static answer that it ends at.
@@ -8,81 +8,77 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 from fem.accuracy.statics import refines
-from fem.method import Static
+from fem.method import Explicit, Static
 from fem.problem import Problem
 from fem.system.facing_blocks import facing_blocks
 from geometry.answer import Answer
-from geometry.assembly import Assembly
 from mbd.options import Norm, Rigid
-from validation.build.problem import fem_section, rigid_problem, scene_problem
-from validation.case import Case, scene_case
+from validation.build.cell import refuse_cell
+from validation.case import Case, Method
 from validation.errors import InputError
-from validation.run.deformable import Follower, deformable_answer, on_its_mesh
-from validation.run.held_by_faces import require_held_by_faces
-from validation.scene.deformable import Method
-from validation.scene.read import DeformableScene
-from validation.solving import repeatable, solve_rigid
+from validation.solving import repeatable, solve
 
 
 def compared_runs(
-    name: str,
-    scene: DeformableScene,
-    *,
-    explicit: bool = False,
-    progress: Callable[[Any], None] = lambda _: None,
-) -> tuple[list[Answer], list[Answer]]:
-    """Answer a scene by rigid blocks in both norms, and by static and ``explicit`` elements.
+    case: Case, *, explicit: bool = False, progress: Callable[[Any], None] | None = None
+) -> list[Answer]:
+    """Answer a case by rigid blocks in both norms, and by static and ``explicit`` elements.
 
     ``progress`` is called with what a run is at.
     """
-    if scene.push is not None:
+    if case.scene.push is not None:
         raise InputError(
-            f"{name}: load.push: got a block that is pushed; rigid blocks determine no contact "
-            "forces on its way: `tubelock fem` draws force against displacement next to the rigid "
-            "limit, `tubelock mbd` prints the limit"
+            f"{case.name}: load.push: got a block that is pushed; rigid blocks determine no "
+            "contact forces on its way: `tubelock fem` draws force against displacement next to "
+            "the rigid limit, `tubelock mbd` prints the limit"
         )
-    problem = comparable_problem(scene, name)
-    require_held_by_faces(name, scene, problem.blocks)
-    rigid = list(_rigid_runs(name, scene, problem))
-    static = scene_case(scene.changed({"fem.method": Method.STATIC}), name)
-    assert isinstance(static.method, Static)
-    one_mesh = problem.searches or not refines(problem, static.method)
-    asked = [] if one_mesh else [static]
-    if one_mesh or explicit:
-        asked.append(on_its_mesh(static))
-    if explicit:
-        damping = scene.fem.damping or "static"
-        dynamic = scene.changed({"fem": {"method": Method.EXPLICIT, "damping": damping}})
-        asked.append(on_its_mesh(scene_case(dynamic, name)))
-    follower = Follower(progress=progress)
-    answers = (deformable_answer(case, follower, problem=problem) for case in asked)
-    return rigid, [repeatable(answer) for answer in answers]
+    refuse_cell(case.scene, case.name, "compare")
+    static = case.with_method("static")  # the method is not the scene's to choose here
+    problem = static.check()
+    rigid = _rigid(problem)
+    cases = [
+        replace(case, method=Rigid(norm=norm, solver=case.scene.rigid.solver), stated=rigid)
+        for norm in Norm  # and no answer further to them
+    ]
+    cases += [
+        replace(static, method=method, stated=problem)
+        for method in _methods(case, static.method, problem, explicit=explicit)
+    ]
+    return [_carried(repeatable(solve(one, progress))) for one in cases]
 
 
-def _rigid_runs(name: str, scene: DeformableScene, problem: Problem) -> Iterator[Answer]:
-    """Answers of rigid blocks in both norms."""
-    assembly: Assembly = problem.blocks
+def _rigid(problem: Problem) -> Problem:
+    """The problem for rigid blocks, which have the facets of the deformable ones."""
+    blocks = problem.blocks
     if problem.searches:
-        assembly = facing_blocks(problem.deformable.assembly)
-    stated = replace(rigid_problem(scene, name, Path(), assembly), finite_sliding=False)
-    for norm in Norm:
-        # Both norms are compared, and no answer further to them.
-        method = Rigid(norm=norm, solver=scene.rigid.solver)
-        case = Case(name=name, stated=scene, method=method)
-        answer = solve_rigid(case, lambda _: None, stated)
-        if not answer.details.holds:
-            friction = answer.details.friction
-            balance = (answer.details if friction is None else friction).equilibrium
-            raise InputError(f"{name}: {balance.status}")
-        yield answer
+        blocks = facing_blocks(problem.deformable.assembly)
+    load = replace(problem.load_case, assembly=blocks)
+    return replace(problem, blocks=blocks, load=load, finite_sliding=False, check_blocks=False)
 
 
-def comparable_problem(scene: DeformableScene, name: str) -> Problem:
-    """State the problem that all answers share."""
-    fem_section(scene, name)
-    # The method is not the scene's to choose here.
-    return scene_problem(scene.changed({"fem.method": Method.STATIC}), name)
+def _methods(
+    case: Case, static: Method, problem: Problem, *, explicit: bool
+) -> Iterator[Static | Explicit]:
+    """How deformable blocks are solved: refined where they can be, and on the scene's mesh."""
+    assert isinstance(static, Static)
+    one_mesh = problem.searches or not refines(problem, static)
+    if not one_mesh:
+        yield static
+    if one_mesh or explicit:
+        yield replace(static, mesh="scene", accuracy=None, error_estimate=False)
+    if explicit:
+        dynamic = case.with_method("explicit").method
+        assert isinstance(dynamic, Explicit)
+        yield replace(dynamic, damping=dynamic.damping or "static")
+
+
+def _carried(answer: Answer) -> Answer:
+    """Reject rigid blocks that do not carry the load."""
+    if answer.method == "rigid" and not answer.details.holds:
+        friction = answer.details.friction
+        balance = (answer.details if friction is None else friction).equilibrium
+        raise InputError(f"{answer.case.name}: {balance.status}")
+    return answer

@@ -15,7 +15,6 @@ from fem.accuracy.converge import MOST_SECONDS, TARGETS, why_not_refined
 from fem.method import Explicit, Static
 from geometry.answer import Answer
 from validation.build.cell import refuse_cell
-from validation.build.problem import fem_section
 from validation.case import Case, Method
 from validation.errors import InputError
 from validation.output.answer_files import answer_of
@@ -115,7 +114,6 @@ def coarsest_mesh(case: Case) -> dict[str, Any]:
             "pressures on finer and finer meshes; expected a scene whose blocks meet and have "
             "[mesh], such as tsb1-pipe, thb0-tunnel or planar-sine"
         )
-    fem_section(scene, name)
     refuse_cell(scene, name, "cost")
     for effect, why in _REFUSED.items():
         if getattr(scene.effects, effect):

@@ -21,9 +21,11 @@ from fem.state import State
 from fem.static.linear_step.flexibility import FlexibilityStore
 from geometry.errors import RefusedError
 from geometry.machine.work import LimitError, budget
-from validation.build.problem import fem_section, scene_problem
+from validation.build.problem import scene_problem
 from validation.errors import InputError
-from validation.run.probe import (
+from validation.scene.deformable import EffectName, Method
+from validation.scene.read import DeformableScene
+from validation.study.effects.probe import (
     Change,
     change,
     largest_slip_share,
@@ -32,8 +34,6 @@ from validation.run.probe import (
     probe_scene,
     solve_probe,
 )
-from validation.scene.deformable import EffectName, Method
-from validation.scene.read import DeformableScene
 from validation.study.effects.switches import KeyChange, effects_of, key_changes, without_effect
 
 #: Part of the limit of work of an answer that its probes may take.
@@ -157,7 +157,6 @@ def decide_effects(
     tolerance = scene.effects.auto
     assert tolerance is not None
     plain = scene.changed({"effects.auto": None})
-    fem_section(plain, name)
     require_wider(scene, name)
     names = candidates(plain, keep)
     start = time.process_time()

@@ -20,13 +20,13 @@ from fem.explicit.state import Lanes
 from fem.explicit.step import ExplicitSystem, step
 from fem.explicit.timed import TimedSystem
 from validation.build.cell import refuse_cell
-from validation.build.problem import fem_section, scene_problem
+from validation.build.problem import scene_problem
 from validation.case import scene_case
 from validation.errors import InputError, named
-from validation.run.deformable import deformable_answer, on_its_mesh
-from validation.run.probe import Numbers, change, numbers_of
 from validation.scene.deformable import EffectName, Method
 from validation.scene.read import DeformableScene
+from validation.solving import solve
+from validation.study.effects.probe import Numbers, change, numbers_of
 from validation.study.effects.switches import effects_of, key_changes, without_effect
 from validation.study.run import answered
 from validation.study.study import Study
@@ -147,7 +147,6 @@ def effect_costs(
         switch it off, what that changes of the three [%], and time of a step, memory and critical
         time step with it over those without it.
     """
-    fem_section(scene, name)
     refuse_cell(scene, name, "effects")
     effects = effects_of(scene)
     if not effects:
@@ -191,7 +190,7 @@ def effect_costs(
 
 def _answer(scene: DeformableScene, name: str) -> Numbers:
     """Numbers of an explicit run, which arrives at its static state or is rejected."""
-    solved = deformable_answer(on_its_mesh(scene_case(scene, name))).details
+    solved = solve(scene_case(scene, name)).details
     run = solved.run
     assert run is not None
     stopped = str(run.status) == "stopped"

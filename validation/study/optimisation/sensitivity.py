@@ -433,11 +433,9 @@ def _deformable(file: Case, meshes: int) -> Iterator[Values]:
     from fem.method import Static
     from geometry.machine.work import budget
     from geometry.parts.dimensions import dimensions
-    from validation.build.problem import fem_section
     from validation.errors import named
 
     require_deformable(file, "sensitivity --method fem")
-    fem_section(file.scene, file.name)
     problem = file.problem
     with named(file.name):
         why = why_not_refined(problem)

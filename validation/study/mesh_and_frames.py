@@ -68,21 +68,26 @@ class Refinement:
         return asdict(self) | {"not_converged": self.not_converged}
 
 
-def require_mesh(file: Case) -> AssemblyScene:
-    """Refuse scenes whose facets are given node by node or by triangles."""
-    if not isinstance(file.scene, AssemblyScene) or file.scene.coarser(FACTOR) is None:
+def check(case: Case, *, unlock: bool, refine: bool) -> None:
+    """Reject what makes no tube, and facets that are given node by node or by triangles."""
+    if unlock and not isinstance(case.scene, RoundScene):
         raise InputError(
-            f"{file.name}: --refine: its blocks have no mesh that could be refined; expected a "
+            f"{case.name}: --layers-to-unlock: block.type {case.scene.block.type!r} makes no tube; "
+            'expected "sine" or "hexagon"'
+        )
+    meshed = isinstance(case.scene, AssemblyScene)
+    if refine and not (meshed and case.scene.coarser(FACTOR)):
+        raise InputError(
+            f"{case.name}: --refine: its blocks have no mesh that could be refined; expected a "
             "scene that states how many elements a block has"
         )
-    return file.scene
 
 
-def refined(file: Case, answer: Answer) -> Refinement:
-    """Solve the scene on facets of half the length and compare."""
-    finer = require_mesh(file).coarser(FACTOR)
+def refined(case: Case, answer: Answer) -> Refinement:
+    """Solve a rigid case on facets of half the length and compare."""
+    finer = case.scene.coarser(FACTOR)
     assert finer is not None
-    result = solve(file.stating(finer).with_method("rigid"))
+    result = solve(case.stating(finer))
     one, other = _compared(answer), _compared(result)
     values = other if one else {}
     return Refinement(
@@ -131,28 +136,16 @@ class Unlocking:
         return {"layers": self.layers, "classes": classes}
 
 
-def require_tube(file: Case) -> RoundScene:
-    """Return the scene if it is a tube."""
-    if not isinstance(file.scene, RoundScene):
-        raise InputError(
-            f"{file.name}: --layers-to-unlock: block.type {file.scene.block.type!r} makes no tube; "
-            'expected "sine" or "hexagon"'
-        )
-    return file.scene
-
-
-def layers_to_unlock(file: Case) -> Unlocking:
-    """Find the least number of layers with which a tube is not locked.
+def layers_to_unlock(case: Case) -> Unlocking:
+    """Find the least number of layers with which a tube of rigid blocks is not locked.
 
     Doubled until it is not, then halved in between: a mechanism of some layers is taken to be one
     of more layers too.
     """
-    tube = require_tube(file)
     result: dict[int, MechanismClass] = {}
 
     def locked(layers: int) -> bool:
-        scene = tube.changed({"assembly.layers": layers})
-        result[layers] = solve(file.stating(scene).with_method("rigid")).details.mechanism
+        result[layers] = solve(case.changed({"assembly.layers": layers})).details.mechanism
         return result[layers] is MechanismClass.LOCKED
 
     low, high = 0, 1
