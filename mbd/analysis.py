@@ -14,7 +14,7 @@ from geometry.assembly import Assembly
 from geometry.errors import RefusedError
 from geometry.loads import LoadCase
 from geometry.machine.system import one_thread_of_blas
-from geometry.machine.work import budget, clock
+from geometry.machine.work import budget, clock, require_memory
 from geometry.mesh import FloatArray, IntArray, ReadOnlyArrays
 from geometry.parts.measures import (
     BlockMeasures,
@@ -43,6 +43,14 @@ if TYPE_CHECKING:
     from mbd.friction import CollapseLoad
     from mbd.parts import Friction
     from mbd.pushes import Push
+
+
+#: Memory of a contact of a tube with its loads, as measured: without friction …
+_CONTACT_BYTES = 550.0
+#: … with linear programs …
+_PROGRAM_BYTES = 2200.0
+#: … and with cone programs.
+_CONE_BYTES = 7600.0
 
 
 @dataclass(frozen=True)
@@ -288,9 +296,28 @@ def rigid_result(stated: RigidStatement, method: Rigid, tell: Callable[[str], No
 
     ``tell`` is called with what is being found; errors are those of `mbd.analyse`.
     """
-    with budget(method.max_work, clock(method.max_seconds)) as spent:
+    with budget(method.max_work, clock(method.max_seconds), method.max_memory) as spent:
+        _require_memory(stated, method)
         result = _result(stated, method, tell)
     return replace(result, parts={**result.parts, "work": spent})
+
+
+def _require_memory(stated: RigidStatement, method: Rigid) -> None:
+    """Reject what takes more memory than allowed, before contacts of hexahedra are looked for."""
+    blocks, each = stated.rigid_blocks, _CONTACT_BYTES
+    if method.ranges or method.margin:
+        each = _PROGRAM_BYTES
+    if method.collapse or method.sliding or _rubbing(stated.coulomb) is not None:
+        each = _CONE_BYTES
+    if isinstance(blocks, Assembly):
+        n = int(blocks.eligible_facets().sum()) // 2
+    else:
+        n = blocks.interfaces.n_contacts
+    require_memory(
+        f"{n} contact points of rigid blocks",
+        each * n,
+        "a coarser mesh, fewer blocks or a higher limit",
+    )
 
 
 def _result(stated: RigidStatement, method: Rigid, tell: Callable[[str], None]) -> RigidResult:

@@ -271,8 +271,10 @@ class _Programs:
         above = sp.hstack([self.contacts.sides(np.zeros(4), TANGENTS), sp.csr_array((4 * n, 1))])
         bounds = np.full((3 * n + 1, 2), [-np.inf, np.inf])
         bounds[: 3 * n : 3, 0] = 0.0
+        cost = np.zeros(3 * n + 1)
+        cost[-1] = -1.0
         solution = self._least(
-            -np.eye(3 * n + 1)[-1],
+            cost,
             (self.equal[:rows, : 3 * n + 1], self.target[:rows]),
             (sp.csc_array(above), np.repeat(self.contacts.friction * pressed, 4)),
             bounds,

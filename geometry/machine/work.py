@@ -314,5 +314,5 @@ def beyond_memory(what: str, need: float, remedy: str) -> str | None:
     has = f"the limit is {limit / 2**30:.3g} GB (max_memory)"
     if limit >= _SHARE * there:
         has = f"this machine has {there / 2**30:.0f} GB"
-    least = f"{size:.0f}" if 10.0 <= size < 1e6 else f"{size:.2g}"
+    least = f"{size:.0f}" if 100.0 <= size < 1e6 else f"{size:.3g}"
     return f"{what} need about {least} GB of memory, and {has}; take {remedy}"

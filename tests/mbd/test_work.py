@@ -2,13 +2,28 @@
 
 from __future__ import annotations
 
+import tracemalloc
+
 import numpy as np
 import pytest
 
+from geometry import Assembly
 from geometry.families.masonry import RunningBondWall
 from geometry.families.platonic_layers import OctahedraLayer
-from geometry.machine.work import SECONDS, Operation, budget, count, memory_limit, unlimited
-from mbd import contact_jacobian
+from geometry.families.sine_block import SineBlockDivisions
+from geometry.families.tube import SineTube
+from geometry.loads import LoadCase, named_load
+from geometry.machine.work import (
+    SECONDS,
+    LimitError,
+    Operation,
+    budget,
+    count,
+    memory_limit,
+    unlimited,
+)
+from mbd import Rigid, analyse, contact_jacobian
+from mbd.analysis import _CONTACT_BYTES
 from mbd.equilibrium import newton_equilibrium
 from mbd.force_range import force_ranges
 from mbd.friction import frictional_contacts, frictional_equilibrium
@@ -16,6 +31,7 @@ from mbd.programs import Work
 from mbd.pushes import interlocking_margin
 from mbd.sliding_collapse import sliding_collapse
 from mbd.squeeze import squeeze
+from tests.support.blocks import tsb
 from tests.verification import printed_numbers
 from tests.verification.closed_forms import body_force
 
@@ -44,6 +60,33 @@ def test_work_is_iterations_times_entries_and_ends_at_its_limit() -> None:
     assert work.spent
     assert told == [1, 2]
     assert work.simplex_iterations(100) == 0
+
+
+def _tube(*divisions: int) -> tuple[Assembly, LoadCase]:
+    blocks = SineTube(tsb(), SineBlockDivisions(*divisions), 30).build()
+    return blocks, named_load("pipe", 0.01).on(blocks)
+
+
+def test_rigid_answer_needs_no_more_memory_than_it_says(monkeypatch: pytest.MonkeyPatch) -> None:
+    for module in ("geometry.loads", "geometry.parts.measures"):
+        monkeypatch.setattr(f"{module}._AT_ONCE", 1000)
+    small, load = _tube(12, 2, 2)
+    analyse(small, load=load)  # loads what answers need
+    blocks, load = _tube(48, 8, 8)
+    tracemalloc.start()
+    answer = analyse(blocks, load=load)
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert answer.details.n_contacts > 40_000
+    bound = float(blocks.eligible_facets().sum()) / 2.0
+    # A tenth for what does not grow with the contacts: blocks and pairs.
+    least = 1.1 * _CONTACT_BYTES * bound / 2**30
+    assert peak / 2**30 <= least
+    # More than that is refused before contacts are looked for; contacts alone take more than this.
+    again, load = _tube(48, 8, 8)
+    with pytest.raises(LimitError, match=r"GB of memory, and the limit is 0\.01 GB"):
+        analyse(again, Rigid(max_memory=0.01), load=load)
+    assert "interfaces" not in vars(again)
 
 
 def test_ranges_known_at_the_limit_are_those_without_one(wall) -> None:

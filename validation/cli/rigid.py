@@ -12,6 +12,7 @@ from validation.cli.options import (
     CombinationsOption,
     FieldsOption,
     JsonOption,
+    MaxMemoryOption,
     MaxSecondsOption,
     MaxWorkOption,
     SceneArgument,
@@ -57,6 +58,7 @@ def mbd(
     combinations: CombinationsOption = False,
     max_work: MaxWorkOption = None,
     max_seconds: MaxSecondsOption = None,
+    max_memory: MaxMemoryOption = None,
 ) -> None:
     """Rigid-block analysis: locked or not, equilibrium, pressures.
 
@@ -68,7 +70,7 @@ def mbd(
     from validation.output.rigid import FILES, explosion_table, rigid_table, write_rigid
     from validation.solving import solve
 
-    asked = method_fields(max_work=max_work, max_seconds=max_seconds)
+    asked = method_fields(max_work=max_work, max_seconds=max_seconds, max_memory=max_memory)
     file = with_fields(load_case(scene, settings or (), method="rigid"), asked, "rigid")
     if combinations:
         alone = {"fields": fields, "layers-to-unlock": unlock, "refine": refine}
