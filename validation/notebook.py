@@ -286,15 +286,12 @@ def sweep(
     """
     from functools import partial
     from io import StringIO
-    from time import perf_counter
 
     from validation.output.console import plain_console
-    from validation.study import judge as judges
-    from validation.study.report import print_table, summary
     from validation.study.rowfile import StudyRows, store_or_none
     from validation.study.run import runner_for
-    from validation.study.run import sweep as run_study
     from validation.study.study import load_study
+    from validation.study.sweep import run_sweep
 
     study: Study
     if callable(case):
@@ -304,8 +301,7 @@ def sweep(
     else:
         study = _study_of_scene(case, parameters, settings, quantity, accuracy)
     with store_or_none(store) as path:
-        results, start = StudyRows(path, study), perf_counter()
-        runner = partial(runner_for, workers=workers)
+        results, runner = StudyRows(path, study), partial(runner_for, workers=workers)
         done, total = results.counts()[0], study.n_designs
 
         def tell(_: object) -> None:
@@ -314,18 +310,11 @@ def sweep(
             if progress is not None:
                 progress(f"{done} of {total} designs", done, total)
 
-        tally = run_study(results, runner(study), on_row=tell)
-        reported = summary(results, tally, perf_counter() - start)
-        print_table(results, console := plain_console(table := StringIO()))
-        judged: tuple[dict[str, Any], ...] = ()
-        if judge:
-            judgement = judges.judge(results, runner)
-            judgement.print(console)
-            judged = judgement.rows
-        else:
-            console.print(judges.doubt(results), end="")
+        swept = run_sweep(results, runner, tell, judged=judge)
+        swept.print(plain_console(table := StringIO()))
+        judged = () if swept.judgement is None else swept.judgement.rows
         rows = tuple(results.rows())
-        return SweepResult(rows, reported, study, table.getvalue().rstrip(), judged)
+        return SweepResult(rows, swept.summary, study, table.getvalue().rstrip(), judged)
 
 
 def _study_of_scene(

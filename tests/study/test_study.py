@@ -25,7 +25,8 @@ import pytest
 import validation
 from tests.study.designs import WALLS, Here, content
 from tests.support import endless
-from validation import InputError
+from tests.support.commands import command
+from validation import InputError, load_case
 from validation.study.design import Row
 from validation.study.rowfile import StudyRows, write_csv
 from validation.study.run import DaskRunner, LocalRunner, run_design, sweep
@@ -55,8 +56,8 @@ def test_designs_are_the_product_of_the_values_last_fastest(walls) -> None:
     expected = itertools.product((0.01, 0.02, 0.03, 0.04), (1, 2, 3, 9))
     found = [tuple(walls.design(k).values()) for k in range(16)]
     assert found == list(expected)
-    assert walls.scene_file(6).scene.load.pressure == 0.02
-    assert walls.scene_file(6).scene.load.layer == 3
+    assert walls.case(6).scene.load.pressure == 0.02
+    assert walls.case(6).scene.load.layer == 3
 
 
 def test_ranges_are_exact_decimals_and_keep_whole_numbers_whole() -> None:
@@ -83,7 +84,7 @@ def test_the_built_in_study_is_the_printed_parameter_space() -> None:
     for path, values in study.parameters:
         assert list(values) == printed[path.removeprefix("block.")]
     # Every frequency must meet node on node at the study's mesh: 2f divides the count around.
-    scene = study.scene_file(0).scene
+    scene = study.case(0).scene
     assert all(scene.mesh.around % round(2 * f) == 0 for f in (1.0, 1.5, 2.0))
     assert scene.assembly.turn == "one wave"
 
@@ -94,8 +95,8 @@ def test_the_half_block_study_is_its_designs_of_f_2_turned_otherwise() -> None:
     assert [half.design(k) for k in range(half.n_designs)] == [
         d for d in designs if d["block.frequency"] == 2.0
     ]
-    other = one.scene_file(next(k for k, d in enumerate(designs) if d == half.design(0))).scene
-    mine = half.scene_file(0).scene
+    other = one.case(next(k for k, d in enumerate(designs) if d == half.design(0))).scene
+    mine = half.case(0).scene
     assert mine.assembly.turn == "half block"
     assert (mine.block, mine.mesh, mine.load) == (other.block, other.mesh, other.load)
 
@@ -229,7 +230,7 @@ def test_a_deformable_design_is_refined_as_the_command_does() -> None:
     # What a deformable design is refined to without another word, as `Static.accuracy` says.
     names = ("max_displacement", "p_eff", "p_max_point", "sigma_1_averaged")
     asked = {"fem.accuracy": dict.fromkeys(names, 0.3)}
-    reference = solve(study.scene_file(0).changed(asked)).measures
+    reference = solve(study.case(0).changed(asked)).measures
     for name in names:
         value, error = row.results[name], row.results[f"{name}_error"]
         assert (value, error) == (reference[name].value, reference[name].error)
@@ -563,3 +564,22 @@ def test_pictures_of_a_study_name_its_method_and_its_load(tubes) -> None:
     assert study.title == "tubes, rigid blocks: internal pressure 0.01 MPa"
     pressed = replace(study, parameters=(("load.pressure", (0.01, 0.02)),))
     assert pressed.title == "tubes, rigid blocks"  # the axis has the load
+
+
+@pytest.mark.parametrize("by_command", [True, False])
+def test_each_scene_of_a_sweep_is_checked_once(
+    by_command: bool, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    kind, checked = type(load_case("tsb1-pipe").scene), []
+    validate = kind.model_validate
+    monkeypatch.setattr(kind, "model_validate", lambda data: checked.append(1) or validate(data))
+    if by_command:
+        text = 'scene = "tsb1-pipe"\n[parameters]\n"block.amplitude" = [10, 15]\n[settings]\n'
+        stated = "".join(f'"{key}" = {value}\n' for key, value in COARSE.items())
+        (tmp_path / "two.toml").write_text(text + stated, "utf-8")
+        words = ("--workers", "1", "-o", str(tmp_path / "two.jsonl"), "--json", "-")
+        assert command("sweep", str(tmp_path / "two.toml"), *words)[0] == 0
+    else:
+        rows = validation.sweep("tsb1-pipe", {"block.amplitude": [10, 15]}, COARSE).rows
+        assert [row["status"] for row in rows] == ["ok", "ok"]
+    assert len(checked) == 2

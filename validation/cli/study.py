@@ -76,15 +76,14 @@ def sweep(
 ) -> None:
     """Run a parameter study, or resume an interrupted one."""
     import logging
-    import time
 
     from validation.output.outputs import Outputs
     from validation.study import report
-    from validation.study import run as runs
-    from validation.study.judge import doubt, judge
     from validation.study.picture import check_axes
     from validation.study.rowfile import StudyRows
+    from validation.study.run import runner_for
     from validation.study.study import load_study
+    from validation.study.sweep import run_sweep
 
     stated = load_study(study, settings or ())
     path = Path("out") / f"{stated.name}.jsonl" if output is None else output
@@ -99,22 +98,15 @@ def sweep(
         # A lost scheduler is told in one line of ours, not in a page of its client's.
         logging.getLogger("distributed").setLevel(logging.CRITICAL)
 
-        runner = partial(runs.runner_for, workers=workers, scheduler=scheduler)
+        runner = partial(runner_for, workers=workers, scheduler=scheduler)
         results = StudyRows(path, stated)
         if rows is not None:
             results.take(rows)
-        start = time.perf_counter()
-        with (
-            report.goes_on(results),
-            report.sweep_progress(results, retry_failed=retry_failed) as show,
-        ):
-            tally = runs.sweep(results, runner(stated), retry_failed=retry_failed, on_row=show)
-        summary = report.summary(results, tally, time.perf_counter() - start)
-        report.print_table(results, outputs.console)
-        if judged:
-            judge(results, runner).print(outputs.console)
-        elif words := doubt(results):
-            outputs.console.print(words)
+        again = {"retry_failed": retry_failed}
+        with report.goes_on(results), report.sweep_progress(results, **again) as show:
+            swept = run_sweep(results, runner, show, judged=judged, **again)
+        swept.print(outputs.console)
+        summary = swept.summary
         if picture is not None:
             report.draw(results, plot, picture, outputs)
         report.print_summary(results, summary, outputs.console)

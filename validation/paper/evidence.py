@@ -89,7 +89,7 @@ def read_table(study: Any, path: Path) -> StudyTable:
             "remove the file or use `tubelock sweep --retry-failed`"
         )
     values = dict(study.study.parameters)
-    mesh = study.study.scene_file(0).keys["mesh"]
+    mesh = study.study.case(0).keys["mesh"]
     words = f"{mesh['around']} × {mesh['radial']} × {mesh['axial']}"
     return StudyTable(rows, tuple(tuple(values[path]) for path in PATHS), words)
 

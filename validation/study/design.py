@@ -90,10 +90,9 @@ def rigid_results(case: Case) -> dict[str, Any]:
     """Results of rigid blocks by the names of `COLUMNS`, and nothing that no column has."""
     from validation.solving import repeatable, solve
 
-    case = case if isinstance(case.method, Rigid) else case.with_method("rigid")
-    assert isinstance(case.method, Rigid)
+    method = case.method if isinstance(case.method, Rigid) else case.with_method("rigid").method
     idle: dict[str, Any] = dict.fromkeys(NO_COLUMN, False)
-    answer = repeatable(solve(case.with_method(replace(case.method, **idle))))
+    answer = repeatable(solve(replace(case, method=replace(method, **idle))))
     result, friction = answer.details, answer.details.friction
     # With friction the forces and the verdict are those with it: a load that is carried if joints
     # were pressed beforehand is not in equilibrium by itself, as far as is known.
@@ -120,28 +119,23 @@ def _built(report: Mapping[str, Any]) -> dict[str, Any]:
     return {name: report.get(name) for name in BUILT}
 
 
-def stated_accuracy(case: Case, accuracy: float | Mapping[str, float] | None) -> Case:
-    """Case of a scene with the error bars that a study requests; None: without what none needs."""
-    from fem.accuracy.converge import TARGETS
-
-    if isinstance(accuracy, float):
-        accuracy = dict.fromkeys(TARGETS, accuracy)
-    if accuracy:
-        return case.stating(case.scene.changed({"fem.accuracy": accuracy}))
-    return case
-
-
-def fem_results(case: Case) -> tuple[dict[str, Any], list[str]]:
+def fem_results(
+    case: Case, accuracy: float | Mapping[str, float] | None = None
+) -> tuple[dict[str, Any], list[str]]:
     """Value and error bar of each measure, and what is to be known of them.
 
-    Solved as `tubelock fem` does: on finer and finer meshes, or on its own. A value that its mesh
-    does not resolve, or that grows with every refinement, is absent.
+    Solved as `tubelock fem` does: on finer and finer meshes, or on its own; to the error bars that
+    a study requests, where it does. A value that its mesh does not resolve, or that grows with
+    every refinement, is absent.
     """
     from fem.accuracy.converge import TARGETS
     from fem.accuracy.errors import AT_AN_EDGE
     from fem.accuracy.parts import Accuracy
     from validation.solving import repeatable, solve
 
+    if accuracy:
+        asked = dict.fromkeys(TARGETS, accuracy) if isinstance(accuracy, float) else accuracy
+        case = case.stating(case.scene.changed({"fem.accuracy": asked}))
     answer = repeatable(solve(case, otherwise=dict.fromkeys(TARGETS, RANKING)))
     measures, result = answer.measures, dict[str, Any]()
     named: dict[str, list[str]] = {}
@@ -153,10 +147,9 @@ def fem_results(case: Case) -> tuple[dict[str, Any], list[str]]:
         usable = measure.resolved and not measure.remark
         result[name] = measure.value if usable else None
         result[f"{name}_error"] = measure.error if usable else None
-    accuracy = answer.parts.get("accuracy")
-    missed = []
-    if isinstance(accuracy, Accuracy):
-        missed = accuracy.request_rows(accuracy.not_reached)
+    reached, missed = answer.parts.get("accuracy"), []
+    if isinstance(reached, Accuracy):
+        missed = reached.request_rows(reached.not_reached)
     result |= {
         "residual": answer.details.residual,
         "energy_balance": answer.details.energy_balance,

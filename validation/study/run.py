@@ -50,6 +50,7 @@ def run_design(study: Study, number: int) -> Row:
         results, remarks = study.results(number)
     except Exception as error:
         words = " ".join(str(error).split()).removeprefix(f"{study.name}[{number}]: ")
+        words = words.removeprefix(f"{study.name}: ")
         words = words or "no message"
         failure = words if isinstance(error, ValueError) else f"{type(error).__name__}: {words}"
     return Row(

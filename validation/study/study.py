@@ -20,7 +20,7 @@ import json
 import math
 import tomllib
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from decimal import Decimal
 from functools import cached_property
 from hashlib import sha256
@@ -42,7 +42,6 @@ from validation.study.design import (
     Quantity,
     fem_results,
     rigid_results,
-    stated_accuracy,
 )
 
 Value = Any
@@ -52,6 +51,8 @@ Value = Any
 _MOST_VALUES = 100_000
 #: Values of one parameter that are tried before a study begins.
 _MOST_TRIED = 500
+#: Most designs whose checked scenes are kept.
+_MOST_KNOWN = 1_000
 #: Most designs of one study, and the CPU time of the quickest ones [s].
 MOST_DESIGNS, _QUICKEST_DESIGN = 10_000_000, 0.05
 
@@ -180,36 +181,47 @@ class SceneStudy(Study):
         """Name, method, and the load where no design changes it."""
         if any(path.startswith("load") for path, _ in self.parameters):
             return super().title
-        return f"{super().title}: {self.scene_file(0).scene.load_words}"
+        return f"{super().title}: {self.case(0).scene.load_words}"
 
     def unit_of(self, column: str) -> str:
         """Unit of a measure or of a key; empty where it has none."""
         if "." not in column:
             return super().unit_of(column)
-        of_key = unit_of_key(self.scene_file(0).scene, column)
+        of_key = unit_of_key(self.case(0).scene, column)
         return "" if of_key is None else of_key.name
 
-    def scene_file(self, number: int) -> Case:
-        """Checked scene of a design."""
-        name = f"{self.name}[{number}]"
-        return scene_case(check_scene(self._data(self.design(number)), name), name)
+    def case(self, number: int) -> Case:
+        """Case of a design; its scene is checked once."""
+        known = self._known.get(number)
+        if known is None:
+            scene = apply_overrides(self.scene, _assignments(self.design(number)))
+            known = scene_case(check_scene(scene, self.name), f"{self.name}[{number}]")
+            if len(self._known) < _MOST_KNOWN:
+                self._known[number] = known
+        return replace(known)  # what is built for it goes with it
 
-    def _data(self, values: Mapping[str, Value]) -> dict[str, Any]:
-        return apply_overrides(self.scene, _assignments(values))
+    @cached_property
+    def _known(self) -> dict[int, Case]:
+        """Cases that were checked already, by the number of the design."""
+        return {}
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Pickle the fields alone: what is known here is not sent to workers."""
+        return {part.name: getattr(self, part.name) for part in fields(self)}
 
     def results(self, number: int) -> tuple[dict[str, Any], list[str]]:
         """Answer a design; remarks name parameters on which it does not depend."""
-        case, remarks = self.scene_file(number), list[str]()
+        case, remarks = self.case(number), list[str]()
         if self.quantity == "rigid":
             results = rigid_results(case)
         else:
-            results, remarks = fem_results(stated_accuracy(case, self.accuracy))
+            results, remarks = fem_results(case, self.accuracy)
         idle = [f"{key}: not used by this method" for key in self._idle(case)]
         return results, [*remarks, *idle]
 
     def idle_parameters(self) -> list[str]:
         """Parameters on which no answer of its method depends."""
-        return self._idle(self.scene_file(0))
+        return self._idle(self.case(0))
 
     def _idle(self, case: Case) -> list[str]:
         """Those on which the answer of one design does not depend."""
@@ -238,7 +250,7 @@ class SceneStudy(Study):
 
         That is the scene as it is stated, without the parameters, and the files of its blocks.
         """
-        keys = self.scene_file(0).keys
+        keys = self.case(0).keys
         files = digests(Path(part["file"]) for part in self.scene.get("parts", ()))
         paths = [path for path, _ in self.parameters]
         for path in paths:
@@ -299,16 +311,23 @@ def load_study(source: str, overrides: Iterable[str] = ()) -> SceneStudy:
         data = tomllib.loads(text)
     except (ValueError, RecursionError) as error:
         raise InputError(f"{source}: TOML syntax error: {error}") from None
-    folder = None if builtin else path.parent
-    study = check_study(data, source if builtin else path.stem, folder, overrides)
-    own = () if builtin else (path,)
-    return replace(study, reads=(*own, *study.reads))
+    if builtin:
+        return check_study(data, source, None, overrides)
+    return check_study(data, path.stem, path.parent, overrides, own=(path,))
 
 
 def check_study(
-    data: Mapping[str, Any], name: str, folder: Path | None = None, overrides: Iterable[str] = ()
+    data: Mapping[str, Any],
+    name: str,
+    folder: Path | None = None,
+    overrides: Iterable[str] = (),
+    *,
+    own: tuple[Path, ...] = (),
 ) -> SceneStudy:
-    """Check a study's data; a relative scene file lies in the folder, or in the working one."""
+    """Check a study's data; a relative scene file lies in the folder, or in the working one.
+
+    ``own`` is the file that it was read from.
+    """
     check_keys(name, data, ("scene", "quantity", "accuracy", "parameters", "settings"))
     scene, quantity = data.get("scene"), data.get("quantity", "rigid")
     if not isinstance(scene, str | Mapping):
@@ -341,7 +360,7 @@ def check_study(
         files, (_, scene) = [Path(source)], scene_data(source)
     base = apply_overrides(scene, [*_assignments(settings), *overrides])
     files += (Path(part["file"]) for part in base.get("parts", ()))
-    reads = tuple(file for file in files if file.is_file())
+    reads = (*own, *(file for file in files if file.is_file()))
     study = SceneStudy(name, quantity, parameters, base, accuracy, reads)
     _check_count(study)
     _check_values(study)
@@ -495,13 +514,12 @@ def _check_values(study: SceneStudy) -> None:
 
     Of very many values those at the ends and some between them are tried: a scene is read for each.
     """
-    first = study.design(0)
-    check_scene(study._data(first), study.name)
+    first, _ = study.design(0), study.case(0)
     for path, values in study.parameters:
         count = min(len(values), _MOST_TRIED)
         for place in (k * (len(values) - 1) // max(count - 1, 1) for k in range(count)):
             try:
-                check_scene(study._data(first | {path: values[place]}), study.name)
+                study.case(study.number(first | {path: values[place]}))
             except InputError as error:
                 if path in str(error):
                     raise

@@ -277,7 +277,7 @@ def _limits(name: str, data: Mapping[str, Any], study: SceneStudy) -> tuple[Limi
 
 def _castable(place: str, given: Any, study: SceneStudy) -> list[Limit]:
     """Limits of the scene for casting."""
-    limits = study.scene_file(0).scene.limits
+    limits = study.case(0).scene.limits
     stated = [
         Limit("least_wall", least=limits.least_wall or -math.inf),
         Limit("steepest_joint", most=limits.steepest_joint or math.inf),
@@ -316,7 +316,7 @@ def _bound(place: str, key: str, given: Any, study: SceneStudy) -> Limit:
 
 def _require_strength(place: str, factor: str, study: SceneStudy) -> None:
     strength = "tensile_strength" if factor == "cracking_factor" else "compressive_strength"
-    material = study.scene_file(0).scene.material
+    material = study.case(0).scene.material
     if getattr(material, strength) is None:
         raise InputError(
             f"{place}: needs material.{strength} [MPa]; set it in [settings] or in the scene"
