@@ -42,8 +42,10 @@ _APART = 1e-6
 def counting_more(stated: TimedSystem) -> TimedSystem | None:
     """The same with a larger contact pressure counted; None where that counts no stiffness.
 
-    A run whose contact outgrows its time step starts again with it.
+    A run whose contact outgrows its time step starts again with it. Single bodies have no contact.
     """
+    if not stated.interactions:
+        return None
     law = stated.system.contact.law
     now = counted_stiffness(law, stated.counted_pressure)
     for pressure in _COUNTED_PRESSURES:
