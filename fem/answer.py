@@ -155,7 +155,7 @@ def report_of(state: State, facets: tuple[Assembly, FloatArray] | None = None) -
     blocks = result.assembly if facets is None else facets[0]
 
     def built() -> dict[str, Any]:
-        return dimensions(blocks, result.densities, contact_area=_searched_area(state)).as_json()
+        return dimensions(blocks, result.densities, closed_area=_closed_area(state)).as_json()
 
     return Lazy({"dimensions": built}, evidence)
 
@@ -178,13 +178,14 @@ def assumptions(state: State) -> list[str]:
     return words
 
 
-def _searched_area(state: State) -> float | None:
-    """Area of all facets that face another at the end [mm²]; None where facets match."""
+def _closed_area(state: State) -> float | None:
+    """Area of the points that press at the end [mm²]; None where facets match."""
     result = state.deformable
     searched = result.meets and result.contact.finite_sliding
     if not searched or result.assembly.interfaces.areas.size:
         return None
-    return float(state.contact_state.areas.sum())
+    found = state.contact_state
+    return float(found.point_areas[found.point_pressures > 0.0].sum())
 
 
 def contact_report(

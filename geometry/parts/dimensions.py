@@ -67,19 +67,22 @@ class Dimensions:
     for blocks without named faces."""
     mass: float | None = None
     """Of all free blocks [t]; None where no density is given."""
+    closed: bool = False
+    """Whether the contact area is what touches in a state, not what faces another as built."""
 
     def as_json(self) -> dict[str, Any]:
         """Plain data with units."""
         least, largest = self.block_volume
         volumes = {"smallest": least, "largest": largest}
         known = {name: getattr(self, name) for name in UNITS if getattr(self, name) is not None}
-        return known | {"block_volume": volumes, "units": {name: UNITS[name] for name in known}}
+        units = {name: UNITS[name] for name in known}
+        return known | {"closed": self.closed, "block_volume": volumes, "units": units}
 
 
 def dimensions(
     blocks: AnyBlocks,
     density: float | FloatArray | None = None,
-    contact_area: float | None = None,
+    closed_area: float | None = None,
 ) -> Dimensions:
     """Measure the free blocks.
 
@@ -89,8 +92,8 @@ def dimensions(
         All blocks.
     density
         Of all blocks, or of each one, (n_blocks,) [t/mm³].
-    contact_area
-        Of all joints, each once, where facets do not match [mm²]; None: of the facets that match.
+    closed_area
+        Of what touches in a state, where facets do not match [mm²]; None: of the facets that match.
     """
     free = blocks.free_blocks
     _, first, which = np.unique(blocks.shape_of[free], return_index=True, return_inverse=True)
@@ -104,7 +107,7 @@ def dimensions(
             for block, shape in zip(free[first], shapes, strict=True)
         ]
     wall, mass = min(map(least_wall, shapes)), None
-    area = _contact_area(blocks, samples) if contact_area is None else contact_area
+    area = _contact_area(blocks, samples) if closed_area is None else closed_area
     if density is not None:
         each = np.broadcast_to(density, blocks.n_blocks)[free]
         mass = float(volumes @ each)
@@ -112,6 +115,7 @@ def dimensions(
         block_volume=(float(volumes.min()), float(volumes.max())),
         volume=float(volumes.sum()),
         contact_area=area,
+        closed=closed_area is not None,
         least_wall=wall if np.isfinite(wall) else None,
         steepest_joint=max((angle for angle in angles if angle is not None), default=None),
         mass=mass,

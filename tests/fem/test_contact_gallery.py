@@ -19,6 +19,7 @@ from collections.abc import Iterable
 import numpy as np
 import pytest
 
+from fem.answer import report_of
 from fem.state import State
 from tests.support.answers import on_its_mesh
 from validation import load_case
@@ -93,6 +94,12 @@ def test_a_ball_presses_as_hertz_says() -> None:
     r = np.linalg.norm(state.positions[:, :2], axis=1)
     assert float(area @ p) == pytest.approx(force, rel=1e-3)
     check((r, area, p), float(area @ p), a, 1.5 * force / (math.pi * a**2), 2.5, elements=4)
+    # What touches is a quarter of Hertz' circle, whose radius is known to half an element: a / 8.
+    touching = report_of(found)["dimensions"]["contact_area"]
+    assert touching == pytest.approx(0.25 * math.pi * a**2, rel=1.125**2 - 1.0)
+    assert (
+        float(state.areas.sum()) > 1.125**2 * 0.25 * math.pi * a**2
+    )  # of facets that face another
 
 
 def test_a_roller_pushed_aside_sticks_in_the_middle() -> None:

@@ -154,9 +154,10 @@ def part_rows(answer: Answer, *names: str) -> list[Row]:
 def dimension_rows(found: Mapping[str, Any], limits: LimitsSection) -> list[Row]:
     """Volume, mass, contact area, least wall and steepest joint of blocks."""
     area = found["contact_area"]
+    of = "closed at the end" if found.get("closed") else "each joint of a free block once"
     rows = [
         Row("volume", _volume_words(found), found["volume"], "mm³"),
-        Row("contact area", f"{area:.5g} mm², each joint of a free block once", area, "mm²"),
+        Row("contact area", f"{area:.5g} mm², {of}", area, "mm²"),
     ]
     wall, angle = found.get("least_wall"), found.get("steepest_joint")
     if wall is not None:
