@@ -260,7 +260,7 @@ def quasi_static_report(run: Run) -> QuasiStaticReport | None:
     if hold < 0.0:
         faults.append("the load is not fully applied: raise fem.end_time")
     damped = run.stated.effects.adaptive_mass_damping is not None
-    longer = "raise fem.end_time" + ("" if damped else ' or use fem.damping = "static"')
+    longer = ": raise fem.end_time" if damped else ""
     if run.round_off is not None:
         faults.append(
             f"the force residual {run.residual:.1e} no longer falls: round-off leaves about "
@@ -268,15 +268,22 @@ def quasi_static_report(run: Run) -> QuasiStaticReport | None:
         )
     elif run.residual is not None and not run.residual <= run.static_below:
         faults.append(
-            f"the force residual {run.residual:.1e} exceeds {run.static_below:.1e}: {longer}"
+            f"the force residual {run.residual:.1e} exceeds {run.static_below:.1e}{longer}"
         )
     if not settling <= _SETTLED:
         faults.append(
             f"the remaining displacement is {100 * settling:.2g} % (at most "
-            f"{100 * _SETTLED:.2g} %)" + ("" if run.round_off else f": {longer}")
+            f"{100 * _SETTLED:.2g} %)" + ("" if run.round_off else longer)
         )
     if run.residual is None:
         faults.append("the force residual was not monitored")
+    if not faults:
+        verdict = "static"
+    elif damped:
+        verdict = f"not static: {'; '.join(faults)}"
+    else:
+        rest = 'for a state at rest use fem.damping = "static"'
+        verdict = f"in motion at {1e3 * run.time:.4g} ms: {'; '.join(faults)}; {rest}"
     return QuasiStaticReport(
         ramp_time=ramp_time,
         hold_time=max(hold, 0.0),
@@ -285,5 +292,5 @@ def quasi_static_report(run: Run) -> QuasiStaticReport | None:
         settling=float(settling),
         residual=run.residual,
         is_static=not faults,
-        verdict="static" if not faults else "not static: " + "; ".join(faults),
+        verdict=verdict,
     )
