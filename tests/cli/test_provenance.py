@@ -15,7 +15,7 @@ import meshio
 import numpy as np
 import pytest
 
-from validation import builtin_text, load_case
+from validation import builtin_text, load_case, read_answer
 from validation.output.outputs import Outputs
 from validation.output.provenance import Provenance, program, stamp_vtu, stamped
 from validation.scene.read import check_scene
@@ -44,6 +44,16 @@ def answer(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, An
     files = ("-o", "out", "--fields", "--json", "answer.json")
     tubelock("mbd", "tsb1-pipe", *settings(), *files, folder=folder)
     return folder, json.loads((folder / "answer.json").read_text("utf-8"))
+
+
+def test_the_folder_holds_the_same_data_as_the_file_of_json(
+    answer: tuple[Path, dict[str, Any]],
+) -> None:
+    folder, data = answer
+    assert json.loads((folder / "out" / "answer.json").read_text("utf-8")) == data
+    assert {"rows", "provenance", "unused_keys"} <= set(data)
+    # An answer that is read has what was answered, not what the command added.
+    assert "provenance" not in read_answer(folder / "out").report
 
 
 def test_json_holds_all_that_asks_the_same_question_again(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 from itertools import permutations, product
 from pathlib import Path
@@ -136,6 +137,9 @@ def test_a_wall_is_compared_and_drawn(tubelock, tmp_path: Path) -> None:
     assert status == 0
     assert "all joints" in out
     assert (folder / "comparison.png").stat().st_size > 10_000
+    data = json.loads((folder / "comparison.json").read_text("utf-8"))
+    assert {"answers", "agreement", "conclusion", "provenance"} <= set(data)
+    assert data["conclusion"] in (folder / "comparison.txt").read_text("utf-8")
     status, out, _ = tubelock("fem", "osteomorphic", *small, "-o", str(folder))
     assert status == 0
     assert {p.name for p in folder.glob("*.png")} >= {"stresses.png", "contact_pressures.png"}

@@ -44,7 +44,7 @@ def compare(
     from validation.study.comparison.scene import compared_runs
 
     case, added = with_auto(load_case(scene, settings or ()), auto, keep or ()), dict[str, Any]()
-    with scene_outputs(case, json, output, (report.PICTURE,), ending="-compare") as outputs:
+    with scene_outputs(case, json, output, report.FILES, ending="-compare") as outputs:
         require_deformable(case, "compare")
         if case.scene.effects.auto is not None:
             from validation.study.effects.report import decided
@@ -57,6 +57,9 @@ def compare(
             result = result.why() if why else result
         report.print_comparison(result, outputs.console)
         outputs.tell_keys()
-        outputs.write("picture", report.PICTURE, result.draw)
         peak = {"peak_memory_mb": peak_memory_mb()}
-        outputs.write_json({"scene": case.name, **result.as_dict(), **peak, **added})
+        data = {"scene": case.name, **result.as_dict(), **peak, **added}
+        outputs.write("picture", report.PICTURE, result.draw)
+        outputs.write_data("data", report.DATA, data)
+        outputs.write("tables", report.TEXT, lambda path: path.write_text(f"{result}\n", "utf-8"))
+        outputs.write_json(data)

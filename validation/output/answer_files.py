@@ -26,6 +26,8 @@ LARGE = (".npz", ".vtu")
 #: What reading a damaged answer raises.
 _DAMAGES = (OSError, ValueError, KeyError, TypeError, EOFError, RecursionError, BadZipFile)
 _HEAD = ("title", "method", "measures")
+#: What a command adds to the data of an answer.
+_OF_COMMAND = ("json_version", "rows", "unused_keys", "defaults", "provenance")
 _ARRAYS = ("points", "cells", "block_of_point", "layer_of_point")
 
 
@@ -56,10 +58,16 @@ def remove_others(folder: Path, names: Collection[str], written: Collection[str]
                 path.unlink()
 
 
-def answer_files(answer: Answer) -> Iterator[tuple[str, str, Callable[[Path], None]]]:
-    """Files of an answer: what each holds in a word, its name, and who writes it."""
+def answer_files(
+    answer: Answer, stated: Callable[[], Mapping[str, Any]] | None = None
+) -> Iterator[tuple[str, str, Callable[[Path], None]]]:
+    """Files of an answer: what each holds in a word, its name, and who writes it.
+
+    ``stated`` is what stands in the first of them, where that is more than the answer itself.
+    """
     data, arrays, fields, contacts = FILES
-    yield "answer", data, lambda path: write_json(str(path), answer.as_dict())
+    whole = answer.as_dict if stated is None else stated
+    yield "answer", data, lambda path: write_json(str(path), whole())
     yield "arrays", arrays, lambda path: write_whole(path, lambda file: _write_arrays(answer, file))
     yield "fields", fields, lambda path: _write_fields(answer, path)
     if "corners" in answer.contacts:
@@ -137,7 +145,8 @@ def read_answer(folder: Path) -> Answer:
 
 def answer_of(data: Mapping[str, Any], arrays: Mapping[str, Any] | None = None) -> Answer:
     """Answer of the data of `Answer.as_dict`, with the arrays of `write` or without any."""
-    report = {name: part for name, part in data.items() if name not in _HEAD}
+    beside = (*_HEAD, *_OF_COMMAND)
+    report = {name: part for name, part in data.items() if name not in beside}
     measures = {name: measure_of(of) for name, of in data["measures"].items()}
     stored = dict.fromkeys(_ARRAYS, np.zeros(0)) if arrays is None else arrays
     return Answer(

@@ -202,11 +202,12 @@ class Outputs:
         They are the last of a call: what an earlier one left there under a name that this one may
         write, and did not, is of another answer and goes.
         """
+        data = answer.as_dict() | {"rows": self._rows}
         if self.folder is not None:
-            for words, name, write in answer_files(answer):
+            for words, name, write in answer_files(answer, lambda: self._stamped(data)):
                 self.write(words, name, write)
             remove_others(self.folder, self.names, self._of_this_call)
-        self.write_json(answer.as_dict() | {"rows": self._rows})
+        self.write_json(data)
 
     def tell_keys(self, method: str = "") -> None:
         """Print the defaults that an answer depends on, and what its method does not have.
@@ -231,8 +232,16 @@ class Outputs:
     def write_json(self, data: Any) -> None:
         """Write the data where ``--json`` says, with the version of its keys and its origin."""
         if self.json is not None:
-            data = stamped(data, self.origin, self._unused)
-            write_json(self.json, data | ({"defaults": self._defaults} if self._defaults else {}))
+            write_json(self.json, self._stamped(data))
+
+    def write_data(self, words: str, name: str, data: Any) -> None:
+        """Write the data into the folder, too."""
+        self.write(words, name, lambda path: write_json(str(path), self._stamped(data)))
+
+    def _stamped(self, data: Any) -> dict[str, Any]:
+        """Data with the version of its keys, unused keys, defaults and origin."""
+        defaults = {"defaults": self._defaults} if self._defaults else {}
+        return stamped(data, self.origin, self._unused) | defaults
 
 
 def _same(a: Path, b: Path) -> bool:

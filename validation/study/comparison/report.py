@@ -34,8 +34,9 @@ overlap of loaded areas: shared loaded area over the union of both
 peaks located: static pressure within two facets of the peak of the other analysis, over the
   largest static pressure (mean over blocks; 100 %: the peaks coincide)
 force: total contact force, relative to the static one"""
-#: Name of the figure.
-PICTURE = "comparison.png"
+#: Names of the figure, the data and the printed text.
+PICTURE, DATA, TEXT = "comparison.png", "comparison.json", "comparison.txt"
+FILES = (PICTURE, DATA, TEXT)
 
 
 @dataclass(frozen=True, repr=False)
