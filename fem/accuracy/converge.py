@@ -12,16 +12,18 @@ import numpy as np
 
 from fem.accuracy.errors import (
     OnMesh,
+    Values,
     growing,
     is_reached,
     relative,
     sequence_bars,
     unmet,
     unresolved,
+    with_stick,
 )
 from fem.accuracy.facets import pressures_on_facets
 from fem.accuracy.ladder import Ladder, Rung, fineness, ladder_for, on_rung
-from fem.accuracy.one_mesh import static_state
+from fem.accuracy.one_mesh import static_state, stick_change
 from fem.accuracy.parts import Accuracy, Meshes, MeshFacets
 from fem.accuracy.transfer import transferred
 from fem.measures import load_step_change, measures_of
@@ -203,6 +205,7 @@ def converge(
         ladder = ladder_for(requested or otherwise or TARGETS, problem)
     # Of earlier meshes only their numbers stay in memory.
     last: Solved | None = None
+    stick: Values = {}
     meshes, told = list[OnMesh](), dict[str, Measure]()
     ended, errors, remarks = "the finest mesh", dict[str, float](), dict[str, str]()
     stopped: str | None = None
@@ -222,6 +225,8 @@ def converge(
             progress(Progress(number, len(ladder), unknowns, told, seconds))
         try:
             with budget(ends=math.inf if last is None else ends):
+                if last is not None and number == _FOR_BARS:
+                    stick = stick_change(last.problem, last.state, options)
                 last = _solve(problem, stated, rung, options, before=last)
         except (LimitError, KeyboardInterrupt) as limit:
             if last is None:
@@ -236,7 +241,7 @@ def converge(
             break
         meshes.append(last.numbers)
         if number >= _FOR_BARS:
-            errors = sequence_bars(meshes, searched=problem.searches)
+            errors = with_stick(sequence_bars(meshes, searched=problem.searches), stick)
         remarks = unresolved(meshes) | growing(meshes)
         told = {
             name: replace(m, error=errors.get(name), remark=remarks.get(name, ""))
@@ -284,11 +289,13 @@ def bars_under(
     factor
         Of all loads [-].
     """
-    meshes = [
-        _solve(problem, on_rung(problem, rung), rung, options, factor=factor).numbers
-        for rung in rungs
+    solved = [
+        _solve(problem, on_rung(problem, rung), rung, options, factor=factor) for rung in rungs
     ]
-    return sequence_bars(meshes, searched=problem.searches) if len(meshes) >= _FOR_BARS else {}
+    if len(solved) < _FOR_BARS:
+        return {}
+    bars = sequence_bars([one.numbers for one in solved], searched=problem.searches)
+    return with_stick(bars, stick_change(solved[0].problem, solved[0].state, options, factor))
 
 
 def check_refinable(problem: Problem) -> None:

@@ -222,6 +222,11 @@ def _at_least(bars: dict[str, float], values: Values, shares: Values) -> dict[st
     return bars | wider
 
 
+def with_stick(bars: Mapping[str, float], change: Values) -> dict[str, float]:
+    """Bars that no change by a tenth of the stick stiffness leaves; its error is a part of that."""
+    return {name: max(bar, OF_SEQUENCES * change.get(name, 0.0)) for name, bar in bars.items()}
+
+
 def _with_steps(bars: Values, steps: Values) -> dict[str, float]:
     return {name: bar + steps.get(name, 0.0) for name, bar in bars.items()}
 

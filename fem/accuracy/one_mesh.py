@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import replace
 
-from fem.accuracy.errors import one_mesh_bars
+from fem.accuracy.errors import Values, one_mesh_bars, with_stick
 from fem.accuracy.ladder import coarser, split
 from fem.measures import bracketed, load_step_change, measures_of
 from fem.problem import Problem
@@ -106,23 +106,60 @@ def static_errors(
         more = problem.degree == 2 and any(map(_is_straightened, problem.blocks.shapes))
         other = solve(replace(problem, degree=problem.degree + (1 if more else -1)))
         degrees = [(values_of(other), 1.0 / _DEGREE if more else _DEGREE)]
-    others = list(_coarser_solutions(problem, solve))
+    coarser_ones = list(_coarser_solutions(problem, solve))
+    others = [other for _, other in coarser_ones]
     few = spent is not None and spent.grown(_FINER) <= allowance().work
     if few and not others and not degrees:
         with suppress(RefusedError):
             others = [solve(split(problem, 2, 1))]
+    stick: Values = {}
+    if _sticks_by_default(problem):
+        coarse, known = coarser_ones[-1] if coarser_ones else (problem, state)
+        stick = _changes(solve(_softer(coarse)), known)
     elements, meshes = state.deformable.n_elements, []
     for other in others:
         refinement = (elements / other.deformable.n_elements) ** (1.0 / 3.0)
         if refinement != 1.0:
             meshes.append((values_of(other), refinement))
-    return one_mesh_bars(
+    bars = one_mesh_bars(
         values_of(state),
         meshes,
         degrees,
         bracketed(state) if meshes and not degrees else {},
         load_step_change(state),
     )
+    return with_stick(bars, stick)
+
+
+def stick_change(
+    problem: Problem, state: State, options: StaticOptions, factor: float = 1.0
+) -> dict[str, float]:
+    """Change of each measure of a state by a tenth of the default stick stiffness, in its unit.
+
+    Under a factor times the loads, in as many load steps; empty without friction, and where the
+    stiffness is stated. Softer stick is found as fast as the state itself, stiffer stick is not.
+    """
+    if not _sticks_by_default(problem):
+        return {}
+    once = replace(options, load_steps=state.evidence.load_steps, load_tolerance=None)
+    softer = static_state(_softer(problem).deformable, once, factor=factor)
+    return _changes(softer, state)
+
+
+def _sticks_by_default(problem: Problem) -> bool:
+    return problem.coulomb is not None and problem.coulomb.stick_stiffness is None
+
+
+def _softer(problem: Problem) -> Problem:
+    """The same with a tenth of the default stick stiffness."""
+    assert problem.coulomb is not None
+    softer = replace(problem.coulomb, stick_stiffness=0.1 * problem.deformable.stick())
+    return replace(problem, friction=softer)
+
+
+def _changes(one: State, other: State) -> dict[str, float]:
+    values = values_of(other)
+    return {name: abs(value - values[name]) for name, value in values_of(one).items()}
 
 
 def values_of(state: State) -> dict[str, float]:
@@ -135,7 +172,9 @@ def _is_straightened(block: Block) -> bool:
     return block.curve is not None and block.charts is None
 
 
-def _coarser_solutions(problem: Problem, solve: Callable[[Problem], State]) -> Iterator[State]:
+def _coarser_solutions(
+    problem: Problem, solve: Callable[[Problem], State]
+) -> Iterator[tuple[Problem, State]]:
     solved = set[int]()
     for share in SHARES:
         stated = coarser(problem, share)
@@ -143,4 +182,4 @@ def _coarser_solutions(problem: Problem, solve: Callable[[Problem], State]) -> I
         if stated is not None and elements not in solved:
             solved.add(elements)
             with suppress(RefusedError):
-                yield solve(stated)
+                yield stated, solve(stated)

@@ -170,7 +170,7 @@ class FrictionSection(Section):
     coefficient: Annotated[Positive, NoAngle, FRICTION]
     """μ [-]"""
     stick_stiffness: Positive | None = None
-    """Tangential stiffness while sticking [MPa/mm]; by default 3 E / length of a block."""
+    """Tangential stiffness while sticking [MPa/mm]; by default 30 E / length of a block."""
 
 
 class EffectName(StrEnum):
