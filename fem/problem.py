@@ -638,6 +638,7 @@ class Problem:
             block_groups,
             check_held,
             curved,
+            ground_loads,
             held_faces,
             nodal_loads,
             supports_at,
@@ -672,6 +673,7 @@ class Problem:
             supports=supports_at(assembly, faces, group_of, copy_of),
             forces=nodal_loads(assembly, load, group_of, copy_of),
             gravity=self.acceleration,
+            on_ground=ground_loads(assembly, load, group_of),
         )
 
 

@@ -353,8 +353,9 @@ class State(ReadOnlyArrays):
         whole = self.deformable
         result = reactions(whole.bodies, whole.supports, self.support_forces, self.displacements)
         if whole.meets:
-            rigid = np.flatnonzero(whole.group_of < 0)
-            result = together(result, of_fixed_blocks(whole.assembly, self.joints, rigid))
+            rigid, loads = np.flatnonzero(whole.group_of < 0), whole.on_ground
+            others = None if loads is None else self.load_factor * loads
+            result = together(result, of_fixed_blocks(whole.assembly, self.joints, rigid, others))
         return result.as_json()
 
     @cached_property

@@ -78,8 +78,10 @@ def static_state(
 
 def _scaled_loads(deformable: System, factor: float) -> System:
     forces = tuple(replace(load, forces=factor * load.forces) for load in deformable.forces)
-    gravity = None if deformable.gravity is None else factor * deformable.gravity
-    return replace(deformable, forces=forces, gravity=gravity)
+    gravity, ground = (
+        None if of is None else factor * of for of in (deformable.gravity, deformable.on_ground)
+    )
+    return replace(deformable, forces=forces, gravity=gravity, on_ground=ground)
 
 
 def static_errors(

@@ -277,6 +277,15 @@ def nodal_loads(
     return _dead_loads(assembly, load, group_of, copy_of)
 
 
+def ground_loads(assembly: Assembly, load: LoadCase, group_of: IntArray) -> FloatArray | None:
+    """Loads on blocks that do not deform, (n_blocks, 6) [N, N mm]; None where there are none."""
+    rigid = group_of < 0
+    whole = load.body_wrenches is not None and bool(load.body_wrenches[rigid].any())
+    if not (whole or rigid[load.block].any()):
+        return None
+    return load.on_mesh(assembly).wrenches * rigid[:, None]
+
+
 def _turns(face: FaceLoad) -> bool:
     """Whether a load turns with its block."""
     return isinstance(face, PressureLoad) and face.follows_block

@@ -138,6 +138,9 @@ class System:
     """Nodal forces, weight left out."""
     gravity: FloatArray | None = None
     """Uniform acceleration of all that deforms, world axes, (3,) [mm/s²]; None: absent."""
+    on_ground: FloatArray | None = None
+    """Loads on blocks that do not deform, which what fixes them takes: force and moment about each
+    centroid, (n_blocks, 6) [N, N mm]; None: absent."""
     sector: Orbits | None = None
     """Which blocks are represented by which; None: each by itself."""
     chosen: ContactPoints | None = None
