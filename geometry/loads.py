@@ -131,6 +131,18 @@ class LoadedFacets(ReadOnlyArrays):
         """Size of each vector area, (n_facets,) [mm²]."""
         return np.linalg.norm(self.area_vectors, axis=1)
 
+    @cached_property
+    def _sorted(self) -> tuple[IntArray, IntArray]:
+        """Facets in the order of their blocks, and these blocks."""
+        order = np.argsort(self.block, kind="stable")
+        return order, self.block[order]
+
+    def on(self, block: int) -> IntArray:
+        """Facets of one block, (n,)."""
+        order, blocks = self._sorted
+        first, last = np.searchsorted(blocks, [block, block + 1])
+        return order[first:last]
+
     @property
     def forces(self) -> FloatArray:
         """Force on each facet, (n_facets, 3) [N]."""

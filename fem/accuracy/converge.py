@@ -69,6 +69,8 @@ OPTIONS = StaticOptions(load_tolerance=LOAD_TOLERANCE)
 #: Reference seconds of a run where no accuracy is requested: of contact that is conforming and
 #: without friction or gaps, and of all else.
 CONFORMING_SECONDS, MOST_SECONDS = 20.0, 60.0
+#: The same for each free block at least: three meshes of many blocks take about half of it.
+_BLOCK_SECONDS = 0.1
 #: The general solver works in the three displacements of the nodes of both sides, six unknowns a
 #: point, about twelve times; with friction in parts of the load, ten times that.
 _GENERAL, _WITH_FRICTION = 12 * 6**3, 10
@@ -327,7 +329,8 @@ def usual_work(problem: Problem) -> float:
     """Work at most where neither a limit nor an accuracy is stated [reference s]."""
     opened = problem.clearance > 0.0 or problem.spacing > 0.0
     conforming = problem.coulomb is None and not (opened or problem.searches)
-    return CONFORMING_SECONDS if conforming else MOST_SECONDS
+    usual = CONFORMING_SECONDS if conforming else MOST_SECONDS
+    return max(usual, _BLOCK_SECONDS * len(problem.blocks.free_blocks))
 
 
 def usual_degree(blocks: Assembly, *, friction: bool) -> int:

@@ -395,8 +395,9 @@ def facet_corners(
 ) -> FloatArray:
     """Positions of nodes of facets (n, m) from an origin on, world axes, (n, m, 3) [mm]."""
     corners = np.empty((*quads.shape, 3))
-    for block in np.unique(blocks).tolist():
-        members = blocks == block
+    order = np.argsort(blocks, kind="stable")
+    present, first = np.unique(blocks[order], return_index=True)
+    for block, members in zip(present.tolist(), np.split(order, first[1:]), strict=False):
         shift = assembly.translations[block] - origin
         corners[members] = (
             assembly.shape(block).mesh.nodes[quads[members]] @ assembly.rotations[block].T + shift

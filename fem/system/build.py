@@ -218,7 +218,7 @@ def _pressed(load: LoadCase, block: int) -> bytes | None:
     dead = load.body_wrenches is not None or load.lines or load.nodes
     if dead or any(f.tractions is not None for f in load.facets):
         return None
-    return b"|".join(result.quads[result.block == block].tobytes() for result in load.facets)
+    return b"|".join(result.quads[result.on(block)].tobytes() for result in load.facets)
 
 
 def _face_forces(assembly: Assembly, load: LoadCase, block: int) -> FloatArray | None:
@@ -226,7 +226,7 @@ def _face_forces(assembly: Assembly, load: LoadCase, block: int) -> FloatArray |
     mesh, rotation = assembly.shape(block).mesh, assembly.rotations[block]
     forces: FloatArray | None = None
     for face, result in zip(load.faces, load.facets, strict=True):
-        mine = np.flatnonzero(result.block == block)
+        mine = result.on(block)
         if not len(mine):
             continue
         quads = mesh.facet_nodes(result.quads[mine])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from functools import cached_property
 from typing import TYPE_CHECKING
 
@@ -29,12 +30,7 @@ def check_overlaps(assembly: Assembly, tolerance: float) -> None:
     relative positions are looked at once.
     """
     solids = [_Solid(shape) for shape in assembly.shapes]
-    boxes = np.array(
-        [
-            [corners.min(axis=0), corners.max(axis=0)]
-            for corners in (assembly.nodes(b) for b in range(assembly.n_blocks))
-        ]
-    )
+    boxes = np.array([[corners.min(axis=0), corners.max(axis=0)] for corners in _ends(assembly)])
     low, high = boxes[:, 0] + 0.5 * tolerance, boxes[:, 1] - 0.5 * tolerance
     near = [np.zeros((0, 2), dtype=np.int64)]
     for a in range(assembly.n_blocks - 1):
@@ -62,6 +58,13 @@ def check_overlaps(assembly: Assembly, tolerance: float) -> None:
             f"{depth:.3g} mm{more}; expected blocks that touch within {tolerance:.3g} mm: move "
             "them apart (to override: check_blocks=False)"
         )
+
+
+def _ends(assembly: Assembly) -> Iterator[FloatArray]:
+    """Nodes of each block on its surface, (n, 3) [mm]."""
+    for block in range(assembly.n_blocks):
+        shape = assembly.shape(block)
+        yield assembly.place(block, shape.mesh.nodes[shape.surface_nodes])
 
 
 class _Solid:

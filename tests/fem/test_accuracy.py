@@ -14,7 +14,7 @@ import pytest
 
 from fem.accuracy import converge as converging
 from fem.accuracy import strength
-from fem.accuracy.converge import climbed, converge
+from fem.accuracy.converge import climbed, converge, usual_work
 from fem.accuracy.errors import (
     LEAST_MESHES,
     SAFETY,
@@ -266,3 +266,13 @@ def test_one_mesh_is_said_to_be_no_converged_answer():
     assert "one mesh: these numbers are not converged" in str(answer).splitlines()[0]
     assert not answer["p_max_point"].is_number
     assert answer["u"].is_number
+
+
+def test_limit_of_work_grows_with_the_blocks():
+    """Four layers have their error bars within the share that as many blocks of 200 layers have."""
+    few, many = (load_case("tsb1-pipe", {"assembly.layers": n}) for n in (4, 200))
+    ratio = len(few.problem.blocks.free_blocks) / len(many.problem.blocks.free_blocks)
+    share = ratio * usual_work(many.problem)
+    answer = solve(few.changed({"fem.max_work": share}))
+    assert len(answer.parts["meshes"].meshes) >= LEAST_MESHES
+    assert answer["u"].error is not None
