@@ -52,6 +52,40 @@ def test_what_is_idle_does_not_change_a_bit(answer: Callable[[Case], np.ndarray]
     assert len(changed) > 2
 
 
+LINEAR = {"law": "linear", "stiffness": 200.0}
+WITH_OTHERS = {
+    "clearance_at_zero_pressure": LINEAR,
+    "pressure_at_zero_clearance": LINEAR,
+    "maximum_stiffness": LINEAR,
+    "stiffness": {"law": "exponential"},
+}
+
+
+@pytest.mark.quick
+@pytest.mark.parametrize("key", WITH_OTHERS)
+def test_constants_of_another_contact_law_are_named_or_rejected(key: str) -> None:
+    section, data = WITH_OTHERS[key] | {key: 0.1}, scene_data("column")[1]
+    pairs = {"pairs": [{"between": [0, 1], **section}]}
+    with pytest.raises(RefusedError, match=rf"contact\.pairs.*{key}"):
+        load_case(data | {"contact": pairs})
+    own = data | {"contact": section}
+    if key in ("maximum_stiffness", "stiffness"):  # none by default
+        with pytest.raises(RefusedError, match=rf"contact\.{key} belongs to law"):
+            load_case(own)
+        return
+    scene = load_case(own).scene
+    for method in ("rigid", "static", "explicit", "static deck"):
+        assert f"contact.{key}" in idle_keys(scene, method)
+    assert f"contact.{key}" in ignored_words(idle_keys(scene, "static"), "static")
+
+
+@pytest.mark.quick
+def test_the_thickness_of_a_ball_is_named() -> None:
+    for name, named in (("hertz-ball", True), ("hertz-roller", False)):
+        idle = idle_keys(load_case(name, {"block.thickness": 3.0}).scene, "static")
+        assert ("block.thickness" in ignored_words(idle, "static")) is named
+
+
 def test_what_is_used_is_not_named() -> None:
     settings = (*COARSE, "effects.friction=0.2", "effects.gravity=[0, 0, -9.81e6]")
     scene = load_case("tsb1-pipe", settings).scene

@@ -35,6 +35,12 @@ def _law_section() -> Any:
 _LawKeys: Any = _law_section()
 
 
+def law_keys(name: str) -> tuple[str, ...]:
+    """Keys of the constants of a law."""
+    law = LAWS[name]
+    return tuple(law.keys.get(constant.name, constant.name) for constant in fields(law))
+
+
 class _LawSection(_LawKeys):  # type: ignore[misc]
     """A contact law: its name and its constants."""
 
@@ -51,10 +57,7 @@ class _LawSection(_LawKeys):  # type: ignore[misc]
     @property
     def words(self) -> str:
         """The law and its constants."""
-        law = LAWS[self.law]
-        given = {
-            key: getattr(self, key) for c in fields(law) if (key := law.keys.get(c.name, c.name))
-        }
+        given = {key: getattr(self, key) for key in law_keys(self.law)}
         shown = [f"{k.replace('_', ' ')} {v:g}" for k, v in given.items() if v is not None]
         return f"{self.law} ({', '.join(shown)}; mm, MPa)"
 
@@ -101,6 +104,12 @@ class ContactPairSection(_LawSection):
     def _friction_or_law(self) -> Self:
         """Reject a pair that states nothing, and constants of no law."""
         constants = self.model_fields_set - {"between", "friction", "law"}
+        others = sorted(constants.difference(law_keys(self.law)))
+        if others and self.has_law:
+            raise ValueError(
+                f"contact.pairs: got {', '.join(others)} beside law = {self.law!r}, which has "
+                f"{', '.join(law_keys(self.law))}; remove one of the two"
+            )
         if constants and not self.has_law:
             raise ValueError(
                 f"contact.pairs: got {', '.join(sorted(constants))} without law; expected "

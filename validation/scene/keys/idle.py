@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING, Any
 
 from pydantic import BaseModel
 
+from fem.contact.law import LAWS
 from geometry.loads import CASES
-from validation.scene.contact import ContactPairSection
+from validation.scene.contact import ContactPairSection, law_keys
 
 if TYPE_CHECKING:
     from validation.scene.read import DeformableScene
@@ -54,11 +55,16 @@ _ABSENT: Mapping[str, tuple[str, ...]] = {
 }
 #: Keys that are printed: others a scene may state for other methods, and the data name them. Files
 #: that are exported have no data, and all their keys are printed.
-_PRINTED = ("effects.", "load.", "pictures.")
+_PRINTED = ("block.", "effects.", "load.", "pictures.")
 
 
 def _solids(scene: Any) -> bool:
     return hasattr(scene, "detection")
+
+
+def _of_other_law(constant: str) -> Callable[[Any, str], bool]:
+    """Whether the contact law of a scene has no such constant."""
+    return lambda scene, _: scene.meets and constant not in law_keys(scene.contact.law)
 
 
 #: Keys that matter in some scenes alone: where they do not.
@@ -75,6 +81,8 @@ _IDLE_WHERE: Mapping[str, Callable[[Any, str], bool]] = {
     "effects.elastic_frame": lambda scene, _: getattr(scene, "stands", False),
     "fem.motion_steps": lambda scene, _: not scene.moves,
     "rigid.friction_law": lambda scene, _: scene.effects.friction is None,
+    "block.thickness": lambda scene, _: scene.block.type == "ball",
+    **{f"contact.{key}": _of_other_law(key) for name in LAWS for key in law_keys(name)},
 }
 
 
@@ -107,7 +115,8 @@ def ignored_words(keys: list[str], method: str) -> str:
         return ", ".join(dict.fromkeys(f"[{key.partition('.')[0]}]" for key in keys))
     if method.endswith("deck"):
         return ", ".join(keys)
-    return ", ".join(key for key in keys if key.startswith(_PRINTED) and "stick" not in key)
+    printed = _PRINTED if method == "rigid" else (*_PRINTED, "contact.")
+    return ", ".join(key for key in keys if key.startswith(printed) and "stick" not in key)
 
 
 def default_words(scene: DeformableScene, method: str) -> dict[str, str]:

@@ -20,7 +20,7 @@ _GAPS = (EffectName.CLEARANCE, EffectName.SPACING)
 def has_effect(scene: DeformableScene, effect: EffectName) -> bool:
     """Whether a scene has an effect."""
     if effect in _GAPS:
-        return bool(getattr(scene.contact, effect) > 0.0)
+        return bool(getattr(scene.contact, effect) != 0.0)
     if effect is EffectName.FRICTION and any(pair.friction for pair in scene.contact.pairs):
         return True
     return bool(getattr(scene.effects, effect))
