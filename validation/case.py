@@ -145,6 +145,10 @@ class Case:
         scene = check_scene(apply_overrides(self.keys, settings_words(settings)), self.name)
         return self.stating(scene)
 
+    def varied(self, values: Mapping[str, Any]) -> Case:
+        """Return the case with other values by key, None and whole sections among them."""
+        return self.stating(self.scene.changed(values))
+
     def stating(self, scene: DeformableScene) -> Case:
         """Return the case with another scene, and the same kind of method."""
         method = scene.rigid.method if isinstance(self.method, Rigid) else scene.method
@@ -227,14 +231,13 @@ def settings_words(settings: Settings) -> list[str]:
     return [f"{key}={toml_value(value)}" for key, value in settings.items()]
 
 
-def require_deformable(case: Case, command: str) -> DeformableScene:
-    """Scene of a case, where it can have deformable blocks in contact."""
+def require_deformable(case: Case, command: str) -> None:
+    """Reject a case without deformable blocks in contact."""
     if not case.scene.meets:
         raise InputError(
             f"{case.name}: block.type {case.scene.block.type!r} has no deformable blocks in "
             f"contact, and `tubelock {command}` needs them; expected a scene such as tsb1-pipe"
         )
-    return case.scene
 
 
 def with_auto(case: Case, tolerance: str | None, keep: Iterable[str] = ()) -> Case:
@@ -260,4 +263,4 @@ def with_auto(case: Case, tolerance: str | None, keep: Iterable[str] = ()) -> Ca
     share = parse_share(tolerance)
     if share is None:
         raise InputError(f"--auto {tolerance}: expected a share between 0 and 100 %, such as 1%")
-    return case.stating(case.scene.changed({"effects.auto": share}))
+    return case.varied({"effects.auto": share})

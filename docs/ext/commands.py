@@ -8,7 +8,7 @@ from typing import Any
 
 import typer
 
-from validation.cli.app import app
+from validation.cli.app import app, described
 
 
 def write_commands(path: Path) -> None:
@@ -54,7 +54,7 @@ def _first(command: Any) -> str:
 
 
 def _section(words: tuple[str, ...], command: Any) -> list[str]:
-    context = typer.Context(command, info_name=" ".join(("tubelock", *words)))
+    context = typer.Context(described(command), info_name=" ".join(("tubelock", *words)))
     usage = command.get_usage(context).removeprefix("Usage: ")
     lines = [
         f"(command-{'-'.join(words)})=",

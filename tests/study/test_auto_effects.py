@@ -35,8 +35,7 @@ def numbers(answer: Answer) -> Numbers:
 
 def decided(case: Case, *keep: str) -> tuple[Case, EffectsDecision]:
     """The case with what matters and nothing to decide, and the decision."""
-    scene, found = decide_effects(case.scene, case.name, keep)
-    return case.stating(scene), found
+    return decide_effects(case, keep)
 
 
 def of(found: EffectsDecision, effect: str) -> tuple[bool, Change | None]:
@@ -188,12 +187,12 @@ def test_no_bar_is_promised_below_what_left_out_effects_change(
     auto: float | None, share: float
 ) -> None:
     targets = {"max_displacement": 0.9, "p_eff": share}
-    scene = with_auto(auto).scene.changed({"fem.accuracy": targets})
+    case = with_auto(auto).varied({"fem.accuracy": targets})
     if auto is None or auto <= share:
-        require_wider(scene, "tube")
+        require_wider(case)
         return
     with pytest.raises(InputError, match=r"got p_eff=.*expected --auto of at most"):
-        require_wider(scene, "tube")
+        require_wider(case)
 
 
 def decision_of_command(path: Path, *words: str) -> tuple[dict[str, Any], str]:

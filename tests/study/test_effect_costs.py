@@ -33,7 +33,7 @@ def compiled_forms() -> frozenset[tuple[str, str]]:
 def test_effects_of_the_scene_are_switched_off_one_at_a_time(tmp_path: Path) -> None:
     file = load_case("tsb1-pipe", [*TINY, *EFFECTS])
     store = tmp_path / "rows.jsonl"
-    report = effect_costs(file.scene, file.name, store, answers=False)
+    report = effect_costs(file, store, answers=False)
     changed = [(c["key"], c["from"], c["to"]) for r in report["costs"] for c in r["changes"]]
     assert changed == [
         ("effects.friction.coefficient", 0.5, None),
@@ -50,27 +50,27 @@ def test_effects_of_the_scene_are_switched_off_one_at_a_time(tmp_path: Path) -> 
         assert row["memory"] > 1.0
     # A second call measures nothing.
     told: list[str] = []
-    assert effect_costs(file.scene, file.name, store, answers=False, told=told.append) == report
+    assert effect_costs(file, store, answers=False, told=told.append) == report
     assert not told
 
 
 def test_a_scene_without_effects_has_none_to_switch_off(tmp_path: Path) -> None:
     file = load_case("tsb1-pipe", TINY)
     with pytest.raises(InputError, match="got a scene without effects"):
-        effect_costs(file.scene, file.name, tmp_path / "rows.jsonl", answers=False)
+        effect_costs(file, tmp_path / "rows.jsonl", answers=False)
 
 
 def test_effects_leave_no_trace_when_off() -> None:
     """The scene without effects runs before and after one with all: equal bits, no new form."""
-    bare, full = (to_rest(load_case("tsb1-pipe", [*TINY, *e]).scene) for e in ([], EFFECTS))
+    bare, full = (to_rest(load_case("tsb1-pipe", [*TINY, *e])) for e in ([], EFFECTS))
 
     def bits() -> bytes:
-        system, state = ready(bare, "tube")
+        system, state = ready(bare)
         advance(system, state)
         return b"".join(now.displacement.tobytes() for now in state.bodies)
 
     first = bits()
-    system, state = ready(full, "tube")
+    system, state = ready(full)
     advance(system, state)
     forms = compiled_forms()
     assert bits() == first

@@ -11,15 +11,21 @@ from typing import Annotated, Any
 import typer
 import typer.core
 import typer.main
-from typer.core import TyperCommand, TyperGroup
+from typer.core import TyperCommand, TyperGroup, TyperOption
 
 from validation.cli import compare, cost, decks, fem, paper, rigid, robustness, scenes, study
 from validation.cli.options import command
 from validation.errors import InputError, places_of, run_command
+from validation.scene.keys.docstrings import words_of_fields
 
 
 class Command(TyperCommand):
     """A command, whose options are no keys of scenes."""
+
+    def format_help(self, ctx: Any, formatter: Any) -> None:
+        """Write the help, for which docstrings are read now."""
+        described(self)
+        super().format_help(ctx, formatter)
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
         """Read the arguments, or name the key that was meant."""
@@ -29,6 +35,17 @@ class Command(TyperCommand):
             if option.startswith("--") and option not in known:
                 _refuse_key(option, value)
         return super().parse_args(ctx, args)
+
+
+def described(command: Any) -> Any:
+    """Return a command with the help of its options that set fields of a method."""
+    place = getattr(command.callback, "help_of", None)
+    if place is not None:
+        words = words_of_fields(*place)
+        for option in command.params:
+            if isinstance(option, TyperOption) and not option.help and option.name in words:
+                option.help = words[option.name]
+    return command
 
 
 def _refuse_key(option: str, value: str) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 
@@ -13,6 +13,7 @@ from validation.cli.options import (
     KeepOption,
     SceneArgument,
     SetOption,
+    decided,
     folder_option,
     scene_outputs,
 )
@@ -43,14 +44,10 @@ def compare(
     from validation.study.comparison import report
     from validation.study.comparison.scene import compared_runs
 
-    case, added = with_auto(load_case(scene, settings or ()), auto, keep or ()), dict[str, Any]()
+    case = with_auto(load_case(scene, settings or ()), auto, keep or ())
     with scene_outputs(case, json, output, report.FILES, ending="-compare") as outputs:
         require_deformable(case, "compare")
-        if case.scene.effects.auto is not None:
-            from validation.study.effects.report import decided
-
-            checked, decision = decided(case.scene, case.name, outputs.console, keep or ())
-            case, added = case.stating(checked), {"effects_decision": decision.as_json()}
+        case, decision = decided(case, outputs.console, keep)
         with solver_progress(case.name) as show:
             answers = compared_runs(case, explicit=explicit, progress=show)
             result = report.compare_answers(answers)
@@ -58,7 +55,7 @@ def compare(
         report.print_comparison(result, outputs.console)
         outputs.tell_keys()
         peak = {"peak_memory_mb": peak_memory_mb()}
-        data = {"scene": case.name, **result.as_dict(), **peak, **added}
+        data = {"scene": case.name, **result.as_dict(), **peak, **decision}
         outputs.write("picture", report.PICTURE, result.draw)
         outputs.write_data("data", report.DATA, data)
         outputs.write("tables", report.TEXT, lambda path: path.write_text(f"{result}\n", "utf-8"))

@@ -11,16 +11,15 @@ from validation.cli.options import (
     COST_STORE,
     CostStoreOption,
     JsonOption,
-    MaxWorkOption,
     SceneArgument,
     SetOption,
     folder_option,
-    method_fields,
+    method_options,
     scene_outputs,
-    with_fields,
 )
 
 
+@method_options("fem", "max_work")
 def cost(
     scene: SceneArgument,
     *,
@@ -31,7 +30,6 @@ def cost(
     json: JsonOption = None,
     output: Annotated[Path | None, folder_option("the figure", "out/SCENE-cost")] = None,
     store: CostStoreOption = COST_STORE,
-    max_work: MaxWorkOption = None,
 ) -> None:
     """Measure computational cost versus accuracy.
 
@@ -42,7 +40,7 @@ def cost(
     from validation.study.costs.report import draw_study, print_study, study_json
     from validation.study.costs.study import coarsest_mesh, run_cost
 
-    file = with_fields(load_case(scene, settings or ()), method_fields(max_work=max_work))
+    file = load_case(scene, settings or ())
     coarsest_mesh(file)
     names, stores = ("cost.png",), {"--store": store}
     with scene_outputs(file, json, output, names, ending="-cost", stores=stores) as outputs:

@@ -3,20 +3,16 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from validation.cli.options import (
-    AccuracyOption,
     JsonOption,
-    MaxMemoryOption,
-    MaxSecondsOption,
-    MaxWorkOption,
     SceneArgument,
     SetOption,
     exit_by,
-    method_fields,
+    method_options,
     output_option,
 )
 from validation.errors import InputError
@@ -176,6 +172,7 @@ def _check_scene(file: Path, json: str | None) -> None:
         raise typer.Exit(1)
 
 
+@method_options("fem", "mesh", "accuracy", "max_work", "max_seconds", "max_memory", of_scene=False)
 def deck(
     file: Annotated[
         Path, typer.Argument(metavar="FILE", help="Input deck of Abaqus or CalculiX (.inp).")
@@ -200,18 +197,7 @@ def deck(
         bool,
         typer.Option("--open", help="Draw blocks, supports and loads: out/NAME/assembly.png."),
     ] = False,
-    mesh: Annotated[
-        str | None,
-        typer.Option(
-            metavar="scene|converged",
-            help="Of --run: the elements of the deck, or finer and finer ones until error bars are "
-            "narrow. Default: scene, with --accuracy converged.",
-        ),
-    ] = None,
-    accuracy: AccuracyOption = None,
-    max_work: MaxWorkOption = None,
-    max_seconds: MaxSecondsOption = None,
-    max_memory: MaxMemoryOption = None,
+    asked: dict[str, Any],
 ) -> None:
     """Read an Abaqus or CalculiX deck, check it, print a summary."""
     from validation.output.decks import (
@@ -230,12 +216,6 @@ def deck(
 
     if dialect is not None:
         _one_of("--dialect", dialect, ("abaqus", "calculix"))
-    if mesh is not None:
-        _one_of("--mesh", mesh, ("scene", "converged"))
-    asked = method_fields(
-        accuracy, max_work=max_work, max_seconds=max_seconds, max_memory=max_memory
-    )
-    asked |= {} if mesh is None else {"mesh": mesh}
     if asked and not run:
         raise InputError(f"--{next(iter(asked)).replace('_', '-')}: needs --run")
     picture = Path("out", file.stem, "assembly.png") if draw else None

@@ -3,31 +3,27 @@
 from __future__ import annotations
 
 import shlex
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from validation.cli.options import (
-    AccuracyOption,
     AutoOption,
     CombinationsOption,
     FieldsOption,
     JsonOption,
     KeepOption,
-    MaxMemoryOption,
-    MaxSecondsOption,
-    MaxWorkOption,
     SceneArgument,
     SetOption,
+    decided,
     exit_by,
     folder_option,
-    method_fields,
+    method_options,
     not_reached,
     scene_outputs,
     solve_combinations,
-    with_fields,
 )
 from validation.errors import InputError
 
@@ -39,6 +35,7 @@ if TYPE_CHECKING:
 CHECKPOINT = "checkpoint.npz"
 
 
+@method_options("fem", "accuracy", "max_work", "max_seconds", "max_memory")
 def fem(
     scene: SceneArgument,
     *,
@@ -52,10 +49,6 @@ def fem(
         Path | None,
         typer.Option("--resume", metavar="CHECKPOINT", help="Continue an interrupted run."),
     ] = None,
-    accuracy: AccuracyOption = None,
-    max_work: MaxWorkOption = None,
-    max_seconds: MaxSecondsOption = None,
-    max_memory: MaxMemoryOption = None,
     auto: AutoOption = None,
     keep: KeepOption = None,
     combinations: CombinationsOption = False,
@@ -65,64 +58,43 @@ def fem(
     Static or explicit: displacements, principal stresses, contact pressures, energies.
     """
     from validation.case import load_case, with_auto
-    from validation.output.deformable.answers import FILES, run_table, write_run_files
+    from validation.output.deformable.answers import run_table, write_run_files
 
-    case = load_case(scene, settings or ())
-    stated = method_fields(
-        accuracy, max_work=max_work, max_seconds=max_seconds, max_memory=max_memory
-    )
-    if "accuracy" in stated and resume is not None:
-        raise InputError(f"--resume {resume}: a resumed run keeps its mesh; remove --accuracy")
-    case = with_auto(with_fields(case, stated), auto, keep or ())
+    case = with_auto(load_case(scene, settings or ()), auto, keep or ())
     if combinations:
         others = {"resume": resume, "fields": fields, "auto": auto, "keep": keep}
         solve_combinations(case, json, output, others)
         return
-    if resume is not None and case.scene.fem.method == "static":
-        raise InputError(
-            f"--resume {resume}: a static run keeps no checkpoint; leave --resume out, or set "
-            'fem.method = "explicit" as in the run that was interrupted'
-        )
-    written = scene_outputs(case, json, output, (*FILES, CHECKPOINT), ending="-fem", fields=fields)
-    if resume is not None and not _goes_on(resume, written):
-        written.reads = (resume,)
-    with written as outputs:
-        case, added = _decided(case, outputs, keep or ())
-        answer = _solved(case, outputs, resume).with_report(added)
+    with _outputs(case, json, output, resume, fields=fields) as outputs:
+        case, decision = decided(case, outputs.console, keep)
+        answer = _solved(case, outputs, resume).with_report(decision)
         outputs.show(run_table(answer))
         outputs.tell_keys()
         if outputs.folder is not None:
             write_run_files(answer, outputs)
         outputs.write_answer(answer)
-        # Of a value without bound a tighter bar is none to request.
-        missed = [name for name in not_reached(answer) if not answer[name].remark]
-        # No finer mesh describes motions that are not small.
-        if missed and "accuracy" not in stated and answer.details.large_motion is None:
-            words = [part for value in settings or () for part in ("--set", value)]
-            words += [part for name in missed for part in ("--accuracy", f"{name}=5%")]
-            line = shlex.join(["tubelock", "fem", scene, *words])
-            outputs.console.print(f"for tighter error bars: {line}", soft_wrap=True)
-        if answer.report["status"] == "stopped":
-            outputs.console.print(_resumption(answer, outputs))
-        elif outputs.folder is not None:
-            outputs.path(CHECKPOINT).unlink(missing_ok=True)
+        for line in _remedies(answer, outputs, ["tubelock", "fem", scene], settings or ()):
+            outputs.console.print(line, soft_wrap=True)
     exit_by(answer, case.method)
 
 
-def _goes_on(resume: Path, outputs: Outputs) -> bool:
-    """Whether a checkpoint is the one that this run keeps, and need not stay as it is."""
-    kept = outputs.folder
-    return kept is not None and resume.resolve() == (kept / CHECKPOINT).resolve()
+def _outputs(
+    case: Case, json: str | None, output: Path | None, resume: Path | None, *, fields: bool
+) -> Outputs:
+    """What the command writes; a checkpoint that it goes on from stays, unless it is its own."""
+    from fem.method import Static
+    from validation.output.deformable.answers import FILES
 
-
-def _decided(case: Case, outputs: Outputs, keep: Sequence[str]) -> tuple[Case, dict[str, Any]]:
-    """The case with its effects decided where it leaves that to the program."""
-    if case.scene.effects.auto is None:
-        return case, {}
-    from validation.study.effects.report import decided
-
-    scene, decision = decided(case.scene, case.name, outputs.console, keep)
-    return case.stating(scene), {"effects_decision": decision.as_json()}
+    if resume is not None and isinstance(case.method, Static):
+        raise InputError(
+            f"--resume {resume}: a static run keeps no checkpoint; leave --resume out, or set "
+            'fem.method = "explicit" as in the run that was interrupted'
+        )
+    result = scene_outputs(case, json, output, (*FILES, CHECKPOINT), ending="-fem", fields=fields)
+    kept = result.folder
+    if resume is not None and (kept is None or resume.resolve() != (kept / CHECKPOINT).resolve()):
+        result.reads = (resume,)
+    return result
 
 
 def _solved(case: Case, outputs: Outputs, resume: Path | None) -> Answer:
@@ -143,7 +115,24 @@ def _solved(case: Case, outputs: Outputs, resume: Path | None) -> Answer:
         show.end(answer)
     if answer.report["status"] == "interrupted":
         raise KeyboardInterrupt(_resumption(answer, outputs))
+    if answer.report["status"] != "stopped" and outputs.folder is not None:
+        outputs.path(CHECKPOINT).unlink(missing_ok=True)
     return answer
+
+
+def _remedies(
+    answer: Answer, outputs: Outputs, words: list[str], settings: Sequence[str]
+) -> Iterator[str]:
+    """How to get tighter error bars, and how a run that was cut short continues."""
+    # Of a value without bound a tighter bar is none to request.
+    missed = [name for name in not_reached(answer) if not answer[name].remark]
+    # No finer mesh describes motions that are not small.
+    if missed and not answer.case.method.accuracy and answer.details.large_motion is None:
+        words += [part for value in settings for part in ("--set", value)]
+        words += [part for name in missed for part in ("--accuracy", f"{name}=5%")]
+        yield f"for tighter error bars: {shlex.join(words)}"
+    if answer.report["status"] == "stopped":
+        yield _resumption(answer, outputs)
 
 
 def _resumption(answer: Answer, outputs: Outputs) -> str:

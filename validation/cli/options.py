@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 import inspect
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -14,6 +14,8 @@ from validation.cli.completion import complete_effects, complete_scenes, complet
 from validation.errors import NOT_REACHED, InputError
 
 if TYPE_CHECKING:
+    from rich.console import Console
+
     from geometry.answer import Answer
     from validation.case import Case, Method
     from validation.output.outputs import Outputs
@@ -83,46 +85,6 @@ SchedulerOption = Annotated[
 ]
 
 
-AccuracyOption = Annotated[
-    list[str] | None,
-    typer.Option(
-        "--accuracy",
-        metavar="QUANTITY=3%",
-        help="Requested error bar; selects polynomial order, mesh density and mesh bias. "
-        "Quantities: u, p_eff, p_max, p_max_point, sigma_1_max, sigma_1_averaged; repeatable.",
-    ),
-]
-MaxWorkOption = Annotated[
-    float | None,
-    typer.Option(
-        "--max-work",
-        metavar="S",
-        min=0.0,
-        help="Limit of work, counted in operations: seconds of the reference machine. The same "
-        "meshes on every machine.",
-    ),
-]
-MaxMemoryOption = Annotated[
-    float | None,
-    typer.Option(
-        "--max-memory",
-        metavar="GB",
-        min=0.0,
-        help="Limit of memory; what needs more is not started. Default: 4.",
-    ),
-]
-MaxSecondsOption = Annotated[
-    float | None,
-    typer.Option(
-        "--max-seconds",
-        metavar="S",
-        min=0.0,
-        help="Limit of CPU time by the clock [s], on which the result then depends; an explicit "
-        "run ends at a checkpoint. By default none.",
-    ),
-]
-
-
 def output_option(kind: str, what: str) -> Any:
     """Return an option for the file or folder to write, such as ``FILE.html``."""
     return typer.Option("-o", "--output", metavar=kind, help=what)
@@ -156,6 +118,18 @@ def folder_outputs(
     if more.get("fields") and folder is None:
         raise InputError("--fields: got no folder for them; name one with -o DIR")
     return Outputs(json, folder, names, **more)
+
+
+def decided(
+    case: Case, console: Console, keep: Sequence[str] | None
+) -> tuple[Case, dict[str, Any]]:
+    """The case with its effects decided where it leaves that to the program, and the decision."""
+    if case.scene.effects.auto is None:
+        return case, {}
+    from validation.study.effects import report
+
+    case, decision = report.decided(case, console, keep or ())
+    return case, {"effects_decision": decision.as_json()}
 
 
 def solve_combinations(
@@ -193,6 +167,60 @@ FieldsOption = Annotated[
 QuietOption = Annotated[bool, typer.Option("--quiet", "-q", help="Print errors only.")]
 
 
+#: Options that set a field of a method.
+_FIELDS: Mapping[str, Any] = {
+    "accuracy": Annotated[list[str] | None, typer.Option("--accuracy", metavar="QUANTITY=3%")],
+    "max_work": Annotated[float | None, typer.Option("--max-work", metavar="S")],
+    "max_seconds": Annotated[float | None, typer.Option("--max-seconds", metavar="S")],
+    "max_memory": Annotated[float | None, typer.Option("--max-memory", metavar="GB")],
+    "mesh": Annotated[str | None, typer.Option("--mesh", metavar="scene|converged")],
+}
+#: File and class of the method of each section.
+METHODS = {"fem": ("fem/method.py", "Static"), "rigid": ("mbd/options.py", "Rigid")}
+
+
+def method_options(section: str, *names: str, of_scene: bool = True) -> Callable[..., Any]:
+    """Give a command options that set fields of a method; their docstrings are the help.
+
+    They are settings of a scene: ``--max-work 5`` is ``--set fem.max_work=5``. A command without a
+    scene takes them by name, as ``asked``.
+    """
+
+    def mark(function: Callable[..., None]) -> Callable[..., None]:
+        @functools.wraps(function)
+        def run(*arguments: Any, **options: Any) -> None:
+            asked = {name: options.pop(name) for name in names}
+            asked = {name: value for name, value in asked.items() if value not in (None, [])}
+            if "accuracy" in asked:
+                asked["accuracy"] = parse_targets(asked["accuracy"])
+            if of_scene:
+                words = [f"{section}.{key}={value}" for key, value in _flat(asked)]
+                options["settings"] = [*(options.get("settings") or ()), *words]
+            else:
+                options["asked"] = asked
+            function(*arguments, **options)
+
+        stated = inspect.signature(function, eval_str=True)
+        own = [part for part in stated.parameters.values() if part.name != "asked"]
+        keyword = inspect.Parameter.KEYWORD_ONLY
+        own += [inspect.Parameter(n, keyword, default=None, annotation=_FIELDS[n]) for n in names]
+        run.__signature__ = stated.replace(parameters=own)  # type: ignore[attr-defined]
+        run.__annotations__ = {part.name: part.annotation for part in own}
+        run.help_of = METHODS[section]  # type: ignore[attr-defined]
+        return run
+
+    return mark
+
+
+def _flat(asked: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
+    """Keys of a section and their values."""
+    for name, value in asked.items():
+        if isinstance(value, Mapping):
+            yield from ((f"{name}.{key}", part) for key, part in value.items())
+        else:
+            yield name, value
+
+
 def command(function: Callable[..., None]) -> Callable[..., None]:
     """Return a command that takes ``--quiet`` as well."""
 
@@ -211,20 +239,6 @@ def command(function: Callable[..., None]) -> Callable[..., None]:
     run.__signature__ = signature  # type: ignore[attr-defined]
     run.__annotations__ = function.__annotations__ | {"quiet": QuietOption}
     return run
-
-
-def method_fields(accuracy: list[str] | None = None, **limits: float | None) -> dict[str, Any]:
-    """Fields of a method that options state: an accuracy, and limits by their names."""
-    stated = {"accuracy": parse_targets(accuracy or []) or None, **limits}
-    return {name: value for name, value in stated.items() if value is not None}
-
-
-def with_fields(case: Case, stated: Mapping[str, Any], section: str = "fem") -> Case:
-    """Case of a scene whose section of a method has the fields that options state."""
-    given = {f"{section}.{name}": value for name, value in stated.items() if name != "accuracy"}
-    for name, share in stated.get("accuracy", {}).items():
-        given[f"{section}.accuracy.{name}"] = share
-    return case.changed(given) if given else case
 
 
 def exit_by(answer: Answer, method: Method) -> None:

@@ -12,22 +12,23 @@ from validation.cli.options import (
     CombinationsOption,
     FieldsOption,
     JsonOption,
-    MaxMemoryOption,
-    MaxSecondsOption,
-    MaxWorkOption,
     SceneArgument,
     SetOption,
     folder_option,
-    method_fields,
+    method_options,
     scene_outputs,
     solve_combinations,
-    with_fields,
 )
 
 if TYPE_CHECKING:
+    from geometry.answer import Answer
     from geometry.parts.rows import Part
+    from validation.case import Case
+    from validation.output.explosion import Explosion
+    from validation.output.outputs import Outputs
 
 
+@method_options("rigid", "max_work", "max_seconds", "max_memory")
 def mbd(
     scene: SceneArgument,
     settings: SetOption = None,
@@ -56,9 +57,6 @@ def mbd(
         ),
     ] = False,
     combinations: CombinationsOption = False,
-    max_work: MaxWorkOption = None,
-    max_seconds: MaxSecondsOption = None,
-    max_memory: MaxMemoryOption = None,
 ) -> None:
     """Rigid-block analysis: locked or not, equilibrium, pressures.
 
@@ -67,45 +65,63 @@ def mbd(
     """
     from validation.case import load_case
     from validation.output.progress import following
-    from validation.output.rigid import FILES, explosion_table, rigid_table, write_rigid
+    from validation.output.rigid import FILES, rigid_table, write_rigid
     from validation.solving import solve
 
-    asked = method_fields(max_work=max_work, max_seconds=max_seconds, max_memory=max_memory)
-    file = with_fields(load_case(scene, settings or (), method="rigid"), asked, "rigid")
+    case = load_case(scene, settings or (), method="rigid")
     if combinations:
         alone = {"fields": fields, "layers-to-unlock": unlock, "refine": refine}
-        solve_combinations(file, json, output, alone | {"disassemble": disassemble})
+        solve_combinations(case, json, output, alone | {"disassemble": disassemble})
         return
     if unlock or refine:
-        from validation.study import mesh_and_frames as others
+        from validation.study.mesh_and_frames import check
 
-        others.check(file, unlock=unlock, refine=refine)
-    with scene_outputs(file, json, output, FILES, fields=fields) as outputs:
-        explosion = None
-        if disassemble:
-            from validation.output.explosion import run_explosion
-
-            with following(f"{file.name}: motion outwards"):
-                explosion = run_explosion(file)
-        with following(file.name) as show:
-            answer = solve(file, show)
-        parts: dict[str, Part] = {}
-        added: dict[str, Any] = {}
-        if unlock:
-            with following(f"{file.name}: layers to unlock"):
-                parts["layers_to_unlock"] = others.layers_to_unlock(file)
-        if refine:
-            with following(f"{file.name}: half the facet size"):
-                parts["refinement"] = others.refined(file, answer)
-        answer = answer.beside(parts, {})
+        check(case, unlock=unlock, refine=refine)
+    with scene_outputs(case, json, output, FILES, fields=fields) as outputs:
+        explosion = _exploded(case) if disassemble else None
+        with following(case.name) as show:
+            answer = solve(case, show)
+        answer = answer.beside(_studied(case, answer, unlock=unlock, refine=refine), {})
         outputs.show(rigid_table(answer))
         outputs.tell_keys()
-        if explosion is not None:
-            from validation.output.pictures.polyhedra import draw_explosion
-
-            outputs.show(explosion_table(explosion))
-            added["disassembly"] = explosion.as_json()
-            outputs.write("picture", "explosion.png", partial(draw_explosion, explosion))
+        added = {} if explosion is None else _shown(explosion, outputs)
         if outputs.folder is not None:
             write_rigid(answer, outputs)
         outputs.write_answer(answer.with_report(added))
+
+
+def _studied(case: Case, answer: Answer, *, unlock: bool, refine: bool) -> dict[str, Part]:
+    """Answers to other numbers of layers and to shorter facets."""
+    from validation.output.progress import following
+
+    parts: dict[str, Part] = {}
+    if unlock:
+        from validation.study.mesh_and_frames import layers_to_unlock
+
+        with following(f"{case.name}: layers to unlock"):
+            parts["layers_to_unlock"] = layers_to_unlock(case)
+    if refine:
+        from validation.study.mesh_and_frames import refined
+
+        with following(f"{case.name}: half the facet size"):
+            parts["refinement"] = refined(case, answer)
+    return parts
+
+
+def _exploded(case: Case) -> Explosion:
+    """Motion of all blocks outwards."""
+    from validation.output.explosion import run_explosion
+    from validation.output.progress import following
+
+    with following(f"{case.name}: motion outwards"):
+        return run_explosion(case)
+
+
+def _shown(explosion: Explosion, outputs: Outputs) -> dict[str, Any]:
+    """Print and draw how far blocks move; the same as plain data."""
+    from validation.output.pictures.polyhedra import draw_explosion
+    from validation.output.rigid import explosion_table
+
+    outputs.show(explosion_table(explosion))
+    outputs.write("picture", "explosion.png", partial(draw_explosion, explosion))
+    return {"disassembly": explosion.as_json()}

@@ -9,13 +9,11 @@ import typer
 
 from validation.cli.options import (
     JsonOption,
-    MaxWorkOption,
     SceneArgument,
     SetOption,
     folder_option,
-    method_fields,
+    method_options,
     scene_outputs,
-    with_fields,
 )
 
 
@@ -51,6 +49,7 @@ def stability(
         raise typer.Exit(1)
 
 
+@method_options("fem", "max_work")
 def effects(
     scene: SceneArgument,
     *,
@@ -61,7 +60,6 @@ def effects(
             metavar="1%", help="Change above which an effect is significant; by default 1%."
         ),
     ] = None,
-    max_work: MaxWorkOption = None,
     json: JsonOption = None,
     output: Annotated[Path | None, folder_option("figure and rows", "out/SCENE")] = None,
 ) -> None:
@@ -76,15 +74,15 @@ def effects(
     from validation.study.effects.costs import effect_costs
     from validation.study.rowfile import store_or_none
 
-    file = with_fields(load_case(scene, settings or ()), method_fields(max_work=max_work))
-    checked = require_deformable(file, "effects")
-    bound = report.bound(checked, tolerance)
+    file = load_case(scene, settings or ())
+    require_deformable(file, "effects")
+    bound = report.bound(file, tolerance)
     names = (report.PICTURE, "effects.jsonl")
     with scene_outputs(file, json, output, names) as outputs:
         rows = None if outputs.folder is None else outputs.path(names[1])
         with following(file.name) as follow, store_or_none(rows) as store:
-            plain = checked.changed({"effects.auto": None})
-            costs = effect_costs(plain, file.name, store, tolerance=bound, told=follow)
+            plain = file.varied({"effects.auto": None})
+            costs = effect_costs(plain, store, tolerance=bound, told=follow)
         outputs.console.print(report.effects_table(costs))
         outputs.write("picture", names[0], lambda path: report.draw_effects(costs, path))
         outputs.write_json(costs)

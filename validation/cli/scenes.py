@@ -9,17 +9,12 @@ import typer
 
 from validation.cli.completion import complete_scenes
 from validation.cli.options import (
-    AccuracyOption,
     JsonOption,
-    MaxMemoryOption,
-    MaxSecondsOption,
-    MaxWorkOption,
     SceneArgument,
     SetOption,
     exit_by,
-    method_fields,
+    method_options,
     output_option,
-    with_fields,
 )
 
 if TYPE_CHECKING:
@@ -124,6 +119,7 @@ def _draw_one_block(file: Case, output: Path) -> None:
     draw_block(assembly, file.scene.stated.block, output, title=title)
 
 
+@method_options("fem", "accuracy", "max_work", "max_seconds", "max_memory")
 def report(
     scene: SceneArgument,
     output: Annotated[
@@ -137,10 +133,6 @@ def report(
         bool,
         typer.Option("--load-cases", help="Also solve a tube under the five load cases."),
     ] = False,
-    accuracy: AccuracyOption = None,
-    max_work: MaxWorkOption = None,
-    max_seconds: MaxSecondsOption = None,
-    max_memory: MaxMemoryOption = None,
 ) -> None:
     """Write one HTML page to send: verdicts, pictures, tables.
 
@@ -153,10 +145,7 @@ def report(
     from validation.output.progress import solver_progress
     from validation.pages.report import report_scene, write_page
 
-    asked = method_fields(
-        accuracy, max_work=max_work, max_seconds=max_seconds, max_memory=max_memory
-    )
-    file = with_fields(load_case(scene, settings or ()), asked)
+    file = load_case(scene, settings or ())
     page = Path("out") / file.name / "report.html" if output is None else output
     if page.suffix.lower() not in PAGES:
         raise InputError(f"-o {page}: expected a file name that ends in .html")

@@ -135,7 +135,7 @@ def fem_results(
 
     if accuracy:
         asked = dict.fromkeys(TARGETS, accuracy) if isinstance(accuracy, float) else accuracy
-        case = case.stating(case.scene.changed({"fem.accuracy": asked}))
+        case = case.varied({"fem.accuracy": asked})
     answer = repeatable(solve(case, otherwise=dict.fromkeys(TARGETS, RANKING)))
     measures, result = answer.measures, dict[str, Any]()
     named: dict[str, list[str]] = {}

@@ -9,6 +9,7 @@ import textwrap
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cache
+from pathlib import Path
 from typing import Any, get_args
 
 from pydantic import BaseModel
@@ -37,7 +38,20 @@ def _own_docstrings(base: type) -> dict[str, str]:
         tree = ast.parse(textwrap.dedent(inspect.getsource(base)))
     except (OSError, TypeError):
         return {}
-    body = tree.body[0].body if isinstance(tree.body[0], ast.ClassDef) else []
+    return _docstrings(tree.body[0])
+
+
+def words_of_fields(file: str, name: str) -> dict[str, str]:
+    """Docstrings of the fields of a class in a file of the program, which is not imported."""
+    path = Path(__file__).parents[3] / file
+    every = ast.parse(path.read_text("utf-8")).body
+    stated = next(one for one in every if isinstance(one, ast.ClassDef) and one.name == name)
+    return {key: words.replace("``", "") for key, words in _docstrings(stated).items()}
+
+
+def _docstrings(stated: ast.stmt) -> dict[str, str]:
+    """Literals below the fields of a class, in one line each."""
+    body = stated.body if isinstance(stated, ast.ClassDef) else []
     return {
         field.target.id: " ".join(str(text.value.value).split())
         for field, text in itertools.pairwise(body)

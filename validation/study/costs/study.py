@@ -149,7 +149,7 @@ def cost_cases(case: Case, *, quick: bool = False) -> dict[str, Case]:
             key: level * n if isinstance(n, int) else tuple(level * k for k in n)
             for key, n in counts.items()
         }
-        return case.stating(case.scene.changed({"mesh": times}))
+        return case.varied({"mesh": times})
 
     methods: dict[str, Method | str] = {"rigid": "rigid", "static": static, "explicit": explicit}
     cases = {

@@ -21,7 +21,7 @@ from fem.state import State
 from fem.static.linear_step.flexibility import FlexibilityStore
 from geometry.errors import RefusedError
 from geometry.machine.work import LimitError, budget
-from validation.build.problem import scene_problem
+from validation.case import Case
 from validation.errors import InputError
 from validation.scene.deformable import EffectName, Method
 from validation.scene.read import DeformableScene
@@ -31,7 +31,7 @@ from validation.study.effects.probe import (
     largest_slip_share,
     mesh_words,
     numbers_of,
-    probe_scene,
+    probe_of,
     solve_probe,
 )
 from validation.study.effects.switches import KeyChange, effects_of, key_changes, without_effect
@@ -128,39 +128,35 @@ def candidates(scene: DeformableScene, keep: Collection[str]) -> tuple[EffectNam
     return tuple(e for e in effects_of(scene) if e not in keep and e not in fixed)
 
 
-def require_wider(scene: DeformableScene, name: str) -> None:
+def require_wider(case: Case) -> None:
     """Reject error bars that effects which are left out may exceed, as none holds their change."""
-    auto, accuracy = scene.effects.auto, scene.fem.accuracy
+    auto, accuracy = case.scene.effects.auto, case.scene.fem.accuracy
     if auto is None or not accuracy:
         return
     least = min(accuracy, key=lambda measure: accuracy[measure])
     share = f"{100 * accuracy[least]:g}%"
     if auto > accuracy[least]:
         raise InputError(
-            f"{name}: fem.accuracy: got {least}={share} where effects may be left out that change "
-            f"{100 * auto:g} %; expected --auto of at most {share}"
+            f"{case.name}: fem.accuracy: got {least}={share} where effects may be left out that "
+            f"change {100 * auto:g} %; expected --auto of at most {share}"
         )
 
 
 def decide_effects(
-    scene: DeformableScene,
-    name: str,
-    keep: Collection[str] = (),
-    *,
-    told: Callable[[str], None] | None = None,
-) -> tuple[DeformableScene, EffectsDecision]:
-    """Decide which effects of a scene with ``effects.auto`` matter, and tell what is probed next.
+    case: Case, keep: Collection[str] = (), *, told: Callable[[str], None] | None = None
+) -> tuple[Case, EffectsDecision]:
+    """Decide which effects of a case with ``effects.auto`` matter, and tell what is probed next.
 
-    Effects to keep are not decided. Returns the scene with what matters and nothing to decide, and
+    Effects to keep are not decided. Returns the case with what matters and nothing to decide, and
     the decision.
     """
-    tolerance = scene.effects.auto
+    tolerance = case.scene.effects.auto
     assert tolerance is not None
-    plain = scene.changed({"effects.auto": None})
-    require_wider(scene, name)
-    names = candidates(plain, keep)
+    plain = case.varied({"effects.auto": None})
+    require_wider(case)
+    names = candidates(plain.scene, keep)
     start = time.process_time()
-    probe = _Probe(plain, name, names, told or (lambda _: None))
+    probe = _Probe(plain, names, told or (lambda _: None))
     result = _left_out(probe, [probe.decision(effect) for effect in names], tolerance)
     decided = plain
     for decision in result:
@@ -169,8 +165,8 @@ def decide_effects(
     return decided, EffectsDecision(
         tolerance=tolerance,
         decisions=result,
-        as_written=tuple(e for e in effects_of(plain) if e not in names),
-        probe=f"static, {mesh_words(probe.scene)}",
+        as_written=tuple(e for e in effects_of(plain.scene) if e not in names),
+        probe=f"static, {mesh_words(probe.case.scene)}",
         cpu_seconds=time.process_time() - start,
         work=probe.work,
     )
@@ -195,40 +191,34 @@ def _left_out(probe: _Probe, probed: list[Decision], tolerance: float) -> tuple[
 _TOO_DEAR = "as written: to probe it takes more than a third of the limit of work"
 
 
-def _most_work(scene: DeformableScene, name: str) -> float:
-    """Reference seconds that the probes of a scene may take.
+def _most_work(case: Case) -> float:
+    """Reference seconds that the probes of a case may take.
 
     Explicit runs take thousands of steps: there is no limit beside them.
     """
-    method = scene.method
-    if not isinstance(method, Static):
+    if not isinstance(case.method, Static):
         return math.inf
-    return SHARE * (method.max_work or usual_work(scene_problem(scene, name)))
+    return SHARE * (case.method.max_work or usual_work(case.problem))
 
 
 class _Probe:
     """A scene solved as it is written, and once more without each of its effects."""
 
     def __init__(
-        self,
-        scene: DeformableScene,
-        name: str,
-        names: tuple[EffectName, ...],
-        told: Callable[[str], None],
+        self, case: Case, names: tuple[EffectName, ...], told: Callable[[str], None]
     ) -> None:
-        self._full, self._name, self._told = scene, name, told
-        self._store = FlexibilityStore()
-        self.scene = probe_scene(scene, name)
+        self._full, self._told, self._store = case, told, FlexibilityStore()
+        self.case = probe_of(case)
         solved = any(e not in _DAMPING for e in names)
-        self.work, self._limit = 0.0, _most_work(scene, name) if solved else 0.0
-        self._base = self._run(self.scene, "all effects") if solved else None
+        self.work, self._limit = 0.0, _most_work(case) if solved else 0.0
+        self._base = self._run(self.case, "all effects") if solved else None
 
-    def _run(self, scene: DeformableScene, what: str) -> State | None:
+    def _run(self, case: Case, what: str) -> State | None:
         """Solve a probe within the work that is left; None where it takes more."""
         self._told(what)
         with budget(self._limit - self.work) as spent:
             try:
-                return solve_probe(scene, self._name, self._store)
+                return solve_probe(case, self._store)
             except LimitError:
                 return None
             finally:
@@ -236,11 +226,11 @@ class _Probe:
 
     def _changed(self, effects: Collection[EffectName]) -> Change | None:
         """What the probe's answer changes without some effects; None where it takes too much."""
-        scene = self.scene
+        case = self.case
         for effect in effects:
-            scene = without_effect(scene, effect)
+            case = without_effect(case, effect)
         names = ", ".join(effect.replace("_", " ") for effect in effects)
-        without = None if self._base is None else self._run(scene, f"without {names}")
+        without = None if self._base is None else self._run(case, f"without {names}")
         if self._base is None or without is None:
             return None
         return change(numbers_of(self._base), numbers_of(without))
@@ -261,7 +251,7 @@ class _Probe:
 
     def decision(self, effect: EffectName) -> Decision:
         """What an effect changes; whether it is left out is decided for all of them together."""
-        off = key_changes(self._full, without_effect(self._full, effect))
+        off = key_changes(self._full.scene, without_effect(self._full, effect).scene)
         if effect in _DAMPING:
             return self._damping(effect, off)
         if self._base is None:
@@ -276,7 +266,7 @@ class _Probe:
 
     def _sliding(self, off: tuple[KeyChange, ...], base: State) -> Decision:
         """Decide about finite sliding by the slip of the probe, which is static and small."""
-        slips = largest_slip_share(base, self._full, self.scene)
+        slips = largest_slip_share(base, self._full.scene, self.case.scene)
         if slips is None:
             return Decision(_SLIDING, off, True, None, "meshes that do not match need it")
         slip, share = slips
@@ -285,10 +275,10 @@ class _Probe:
 
     def _damping(self, effect: EffectName, off: tuple[KeyChange, ...]) -> Decision:
         """Decide about a viscous force: it is zero at rest, so no static state has it."""
-        fem, at_rest = self._full.fem, Change(0.0, 0.0, 0.0)
-        if fem.method is Method.STATIC:
+        method, at_rest = self._full.method, Change(0.0, 0.0, 0.0)
+        if isinstance(method, Static):
             return Decision(effect, off, False, at_rest, "zero at rest: a static run")
-        if self._full.damping == "static":
+        if self._full.scene.damping == "static":
             return Decision(effect, off, False, at_rest, "zero at rest, where this run ends")
         reason = "this run is not driven to rest, so damping shapes its end"
         return Decision(effect, off, True, None, reason)

@@ -19,12 +19,11 @@ from fem.explicit.solve import initial_state, prepare
 from fem.explicit.state import Lanes
 from fem.explicit.step import ExplicitSystem, step
 from fem.explicit.timed import TimedSystem
+from fem.method import Explicit
 from validation.build.cell import refuse_cell
-from validation.build.problem import scene_problem
-from validation.case import scene_case
+from validation.case import Case
 from validation.errors import InputError, named
 from validation.scene.deformable import EffectName, Method
-from validation.scene.read import DeformableScene
 from validation.solving import solve
 from validation.study.effects.probe import Numbers, change, numbers_of
 from validation.study.effects.switches import effects_of, key_changes, without_effect
@@ -40,25 +39,26 @@ TOLERANCE = 0.01
 _PERIODS = 20.0
 
 
-def to_rest(scene: DeformableScene) -> DeformableScene:
-    """Return the scene as an explicit run that arrives at rest.
+def to_rest(case: Case) -> Case:
+    """Return the case as an explicit run that arrives at rest.
 
     Mass-proportional damping takes the place of the adaptive one.
     """
-    rayleigh = scene.effects.rayleigh
+    rayleigh = case.scene.effects.rayleigh
     by_mass = rayleigh is not None and rayleigh.mass_proportional is not None
     damping = None if by_mass else "static"
-    return scene.changed({"fem": {"method": Method.EXPLICIT, "damping": damping}})
+    return case.varied({"fem": {"method": Method.EXPLICIT, "damping": damping}})
 
 
-def _stated(scene: DeformableScene, name: str) -> TimedSystem:
-    with named(name):
-        return stated_run(scene_problem(scene, name), scene.in_time)
+def _stated(case: Case) -> TimedSystem:
+    assert isinstance(case.method, Explicit)
+    with named(case.name):
+        return stated_run(case.problem, case.method)
 
 
-def ready(scene: DeformableScene, name: str) -> tuple[ExplicitSystem, Lanes]:
-    """Model of a scene at its first step."""
-    statement = _stated(scene, name)
+def ready(case: Case) -> tuple[ExplicitSystem, Lanes]:
+    """Model of a case at its first step."""
+    statement = _stated(case)
     system = prepare(statement, time_step=0.5 * statement.critical.critical_time_step)
     return system, initial_state(system)
 
@@ -83,7 +83,7 @@ class EffectStudy(Study):
     Costs of an effect are over those without it in the same process.
     """
 
-    base: DeformableScene = field(kw_only=True)
+    base: Case = field(kw_only=True)
     answers: bool = field(kw_only=True)
     """Whether runs to the static state are made: else costs alone."""
     effects: tuple[EffectName, ...] = field(kw_only=True)
@@ -93,39 +93,37 @@ class EffectStudy(Study):
     it."""
 
     def content(self, number: int) -> Any:
-        """Return scene, effect and times."""
-        changed = self.scene(number).model_dump(mode="json")
-        return [self.base.model_dump(mode="json"), changed, self.answers]
+        """Return case, effect and times."""
+        return [self.base.keys, self.case(number).keys, self.answers]
 
-    def scene(self, number: int) -> DeformableScene:
-        """Scene of a design; the first has all effects."""
-        scene, times = self.base, dict(self.times)
+    def case(self, number: int) -> Case:
+        """Case of a design; the first has all effects."""
+        case, times = self.base, dict(self.times)
         if number > 0:
-            scene = to_rest(without_effect(scene, self.effects[number - 1]))
-        if scene.fem.damping is not None:
+            case = to_rest(without_effect(case, self.effects[number - 1]))
+        if case.scene.fem.damping is not None:
             del times["end_time"]
-        return scene.changed({"fem": times})
+        return case.varied({"fem": times})
 
     def results(self, number: int) -> tuple[dict[str, Any], list[str]]:
         """Costs of a design and, where asked for, its answer."""
-        scene, base = self.scene(number), self.scene(0)
+        case, base = self.case(number), self.case(0)
         if number == 0:
-            system, state = ready(scene, self.name)
+            system, state = ready(case)
             cost: dict[str, Any] = {"bytes": _bytes(system, state)}
             advance(system, state)
             cost["seconds_per_step"] = min(advance(system, state) for _ in range(ROUNDS))
         else:
             effect = self.effects[number - 1]
-            changes = [change.as_json() for change in key_changes(base, scene)]
+            changes = [change.as_json() for change in key_changes(base.scene, case.scene)]
             cost = {"name": effect.replace("_", " "), "changes": changes}
-            cost |= _measured(base, scene, self.name)
-        answer = asdict(_answer(scene, self.name)) if self.answers else None
+            cost |= _measured(base, case)
+        answer = asdict(_answer(case)) if self.answers else None
         return {"cost": cost, "answer": answer}, []
 
 
 def effect_costs(
-    scene: DeformableScene,
-    name: str,
+    case: Case,
     store: Path,
     *,
     tolerance: float = TOLERANCE,
@@ -147,20 +145,20 @@ def effect_costs(
         switch it off, what that changes of the three [%], and time of a step, memory and critical
         time step with it over those without it.
     """
-    refuse_cell(scene, name, "effects")
-    effects = effects_of(scene)
+    refuse_cell(case.scene, case.name, "effects")
+    effects = effects_of(case.scene)
     if not effects:
         raise InputError(
-            f"{name}: got a scene without effects, where there is none to switch off; expected one "
-            "at least, such as --set effects.friction=0.3"
+            f"{case.name}: got a scene without effects, where there is none to switch off; "
+            "expected one at least, such as --set effects.friction=0.3"
         )
-    base = to_rest(scene)
-    statement = _stated(base, name)
+    base = to_rest(case)
+    statement = _stated(base)
     assert statement.recommended is not None  # blocks meet
     frequency, ramp = statement.recommended.frequency, statement.ramp_time
-    end = base.fem.end_time or ramp + _PERIODS / frequency
+    end = base.scene.fem.end_time or ramp + _PERIODS / frequency
     study = EffectStudy(
-        name,
+        case.name,
         "fem",
         (("effect", ("all", *map(str, effects))),),
         base=base,
@@ -178,9 +176,9 @@ def effect_costs(
             cost |= {key: 100.0 * value for key, value in asdict(moved).items()}
         costs.append(cost | {"matters": None if moved is None else moved.matters(tolerance)})
     return {
-        "scene": name,
-        "load": scene.load_words,
-        "changes": [change.as_json() for change in key_changes(scene, study.scene(0))],
+        "scene": case.name,
+        "load": case.scene.load_words,
+        "changes": [change.as_json() for change in key_changes(case.scene, study.case(0).scene)],
         "tolerance": tolerance,
         **plain["cost"],
         **(plain["answer"] or {}),
@@ -188,25 +186,25 @@ def effect_costs(
     }
 
 
-def _answer(scene: DeformableScene, name: str) -> Numbers:
+def _answer(case: Case) -> Numbers:
     """Numbers of an explicit run, which arrives at its static state or is rejected."""
-    solved = solve(scene_case(scene, name)).details
+    solved = solve(case).details
     run = solved.run
     assert run is not None
     stopped = str(run.status) == "stopped"
-    if stopped or (scene.damping == "static" and str(run.status) != "converged"):
+    if stopped or (case.scene.damping == "static" and str(run.status) != "converged"):
         remedy = "a larger limit of work (fem.max_work)" if stopped else "a larger fem.end_time"
         raise InputError(
-            f"{name}: a run did not arrive at its static state by {run.time:.3g} s; expected "
+            f"{case.name}: a run did not arrive at its static state by {run.time:.3g} s; expected "
             f"{remedy}, or none"
         )
     return numbers_of(solved)
 
 
-def _measured(scene: DeformableScene, without: DeformableScene, name: str) -> dict[str, float]:
-    """Costs of a scene over those without one of its effects."""
-    system, state = ready(scene, name)
-    plain_system, plain_state = ready(without, name)
+def _measured(case: Case, without: Case) -> dict[str, float]:
+    """Costs of a case over those without one of its effects."""
+    system, state = ready(case)
+    plain_system, plain_state = ready(without)
     advance(system, state)
     advance(plain_system, plain_state)
     rounds = [(advance(plain_system, plain_state), advance(system, state)) for _ in range(ROUNDS)]

@@ -8,12 +8,13 @@ from typing import Any
 import numpy as np
 
 from fem.accuracy.one_mesh import static_state
+from fem.method import Explicit
 from fem.state import State
 from fem.static.linear_step.flexibility import FlexibilityStore
 from fem.static.solve import StaticOptions
 from geometry.errors import RefusedError
 from geometry.machine.work import LimitError
-from validation.build.problem import scene_problem
+from validation.case import Case
 from validation.errors import InputError, named
 from validation.scene.deformable import Method
 from validation.scene.read import DeformableScene
@@ -78,45 +79,39 @@ def change(before: Numbers, after: Numbers) -> Change:
     return Change(*map(relative, before.values, after.values))
 
 
-def solve_probe(
-    scene: DeformableScene,
-    name: str,
-    store: FlexibilityStore | None = None,
-) -> State:
+def solve_probe(case: Case, store: FlexibilityStore | None = None) -> State:
     """Static state of a probe; probes that share a store condense the same blocks once."""
-    with named(name):
-        deformable = scene_problem(scene, name).deformable
-    options = StaticOptions(
-        symmetry=1 if scene.fem.symmetry == "none" else None,
-        tolerance=_TOLERANCE,
-    )
+    with named(case.name):
+        deformable = case.problem.deformable
+    symmetry = 1 if case.scene.fem.symmetry == "none" else None
+    options = StaticOptions(symmetry=symmetry, tolerance=_TOLERANCE)
     try:
         return static_state(deformable, options, store=store)
     except LimitError:
         raise
     except RefusedError as error:
         raise InputError(
-            f"{name}: effects.auto: the probe has no static state ({error}); expected one that can "
-            "be probed: remove effects.auto, and every effect acts as written"
+            f"{case.name}: effects.auto: the probe has no static state ({error}); expected one "
+            "that can be probed: remove effects.auto, and every effect acts as written"
         ) from None
 
 
-def probe_scene(scene: DeformableScene, name: str) -> DeformableScene:
-    """Return the scene as a static problem on a mesh that is as coarse as its blocks allow.
+def probe_of(case: Case) -> Case:
+    """Return the case as a static problem on a mesh that is as coarse as its blocks allow.
 
     Layers, loads and contact stay: what an effect does to a tall tube shows only in a tall tube.
     """
     still: dict[str, Any] = {"rayleigh": None, "bulk_viscosity": None, "finite_rotation": False}
-    if scene.fem.method is Method.EXPLICIT:
+    if isinstance(case.method, Explicit):
         still["finite_sliding"] = False
-    static = scene.changed({"fem": {"method": Method.STATIC, "frames": 0}, "effects": still})
+    static = case.varied({"fem": {"method": Method.STATIC, "frames": 0}, "effects": still})
     for factor in (1, 2, 4):
-        coarse = _coarse_mesh(scene, factor)
+        coarse = _coarse_mesh(case.scene, factor)
         if not coarse:
             break
-        probe = static.changed({"mesh": coarse})
+        probe = static.varied({"mesh": coarse})
         try:
-            _ = scene_problem(probe, name).deformable
+            _ = probe.problem.deformable
         except RefusedError:
             continue
         return probe

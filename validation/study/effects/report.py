@@ -9,11 +9,11 @@ from typing import Any
 from rich.console import Console
 from rich.table import Table
 
+from validation.case import Case
 from validation.errors import InputError
 from validation.output.console import tabled
 from validation.output.progress import following
 from validation.scene.deformable import parse_share
-from validation.scene.read import DeformableScene
 from validation.study.effects.auto import EffectsDecision, decide_effects
 from validation.study.effects.costs import TOLERANCE
 from validation.study.effects.switches import KeyChange
@@ -23,19 +23,19 @@ PICTURE = "effects.png"
 
 
 def decided(
-    scene: DeformableScene, name: str, console: Console, keep: Collection[str] = ()
-) -> tuple[DeformableScene, EffectsDecision]:
-    """Scene with the effects that matter or are kept, and the decision; printed."""
-    with following(f"{name}: which effects matter") as follow:
-        scene, decision = decide_effects(scene, name, keep, told=follow)
+    case: Case, console: Console, keep: Collection[str] = ()
+) -> tuple[Case, EffectsDecision]:
+    """Case with the effects that matter or are kept, and the decision; printed."""
+    with following(f"{case.name}: which effects matter") as follow:
+        case, decision = decide_effects(case, keep, told=follow)
     console.print(decision.words)
-    return scene, decision
+    return case, decision
 
 
-def bound(scene: DeformableScene, tolerance: str | None) -> float:
+def bound(case: Case, tolerance: str | None) -> float:
     """Change beyond which an effect matters: as asked, as ``effects.auto`` says, or 1 %."""
     if tolerance is None:
-        return scene.effects.auto or TOLERANCE
+        return case.scene.effects.auto or TOLERANCE
     share = parse_share(tolerance)
     if share is None:
         raise InputError(

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from validation.case import Case
 from validation.scene.deformable import EffectName
 from validation.scene.keys.toml_text import toml_value
 from validation.scene.read import DeformableScene
@@ -31,14 +32,14 @@ def effects_of(scene: DeformableScene) -> tuple[EffectName, ...]:
     return tuple(effect for effect in EffectName if has_effect(scene, effect))
 
 
-def without_effect(scene: DeformableScene, effect: EffectName) -> DeformableScene:
-    """Scene without an effect."""
+def without_effect(case: Case, effect: EffectName) -> Case:
+    """Case without an effect."""
     if effect in _GAPS:
-        return scene.changed({f"contact.{effect}": 0.0})
+        return case.varied({f"contact.{effect}": 0.0})
     if effect is EffectName.FRICTION:
-        pairs = scene.contact.frictionless_pairs
-        return scene.changed({"effects.friction": None, "contact.pairs": pairs})
-    return scene.changed({f"effects.{effect}": False if effect in _SWITCHES else None})
+        pairs = case.scene.contact.frictionless_pairs
+        return case.varied({"effects.friction": None, "contact.pairs": pairs})
+    return case.varied({f"effects.{effect}": False if effect in _SWITCHES else None})
 
 
 @dataclass(frozen=True)

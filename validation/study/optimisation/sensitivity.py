@@ -338,7 +338,7 @@ class PointStudy(Study):
         case = self.case
         if path:
             name = f"{case.name}, {path} = {value:.6g}"
-            case = replace(case.stating(case.scene.changed({path: value})), name=name)
+            case = replace(case.varied({path: value}), name=name)
         values = answers_at(case, self.quantity, meshes)
         return {"meshes": [{name: m.as_json() for name, m in v.items()} for v in values]}, []
 
