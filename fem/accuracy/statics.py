@@ -137,7 +137,13 @@ def _of_usual_degree(stated: Problem, meshed: Problem) -> Problem:
     if other or not stated.is_solid:
         return meshed
     degree = usual_degree(meshed.blocks, friction=meshed.coulomb is not None)
-    return meshed if degree == 1 else replace(meshed, degree=degree)
+    return meshed if degree == 1 else _of_degree(meshed, degree)
+
+
+def _of_degree(problem: Problem, degree: int) -> Problem:
+    """A problem with elements of a degree, and those before it."""
+    after = None if problem.after is None else _of_degree(problem.after, degree)
+    return replace(problem, degree=degree, after=after)
 
 
 @dataclass(frozen=True)

@@ -441,7 +441,7 @@ def solve(
         sample_interval=sample_interval,
         max_work=max_work,
         ends=clock.process_time() + max_seconds,
-        moving=tuple((support, {}) for support in moving_supports(stated.system.supports)),
+        moving=moving_supports(stated.system.supports),
     )
     first = run.counted = state.step
     started = clock.process_time()
@@ -479,8 +479,8 @@ class _Loop:
     round_off: float | None = None
     still: int = 0
     least_residual: float = math.inf
-    moving: tuple[tuple[MovingSupport, dict[float, float]], ...] = ()
-    """Supports that move, and their forces [N] by time [s]."""
+    moving: tuple[MovingSupport, ...] = ()
+    """Supports that move."""
     last_checkpoint: float = field(default_factory=clock.monotonic)
 
     def loop(self, request: StopRequest) -> Status:
@@ -528,8 +528,7 @@ class _Loop:
         self.energies = energies(system, state)
         if self.moving:
             forces = system.stated.expand(support_forces(system, state, time))
-            for support, at in self.moving:
-                at[time] = support.force(forces)
+            self.history.pushes.append((time, *(each.force(forces) for each in self.moving)))
         self.history.observe(self.energies)
         watch(system, state, self.history)
         if self.stop is not None:
@@ -627,7 +626,20 @@ def _result(run: _Loop, critical: CriticalTimeStep, status: Status, cpu: float, 
         time=system.time(state),
         n_steps=state.step,
         **_forces_at_end(system, state),
-        pushed=tuple(support.curve(at) for support, at in run.moving if len(at) > 1),
+        pushed=_curves(run.moving, run.history.pushes),
+    )
+
+
+def _curves(
+    moving: tuple[MovingSupport, ...], pushes: list[tuple[float, ...]]
+) -> tuple[PushCurve, ...]:
+    """Curve of each support that moves from its samples."""
+    if len(pushes) < 2:
+        return ()
+    times, *forces = zip(*pushes, strict=True)
+    return tuple(
+        support.curve(dict(zip(times, of, strict=True)))
+        for support, of in zip(moving, forces, strict=True)
     )
 
 

@@ -501,7 +501,7 @@ def frictions(problem: StaticProblem, state: Iterate) -> FloatArray | None:
 def support_forces(problem: StaticProblem, state: Iterate) -> FloatArray:
     """Forces of the supports on the nodes, (n_nodes, 3) [N].
 
-    Those along the way of supports that move are zero where their sum is none but round-off.
+    Those along the way of supports that move are zero where they are none but round-off.
     """
     held = problem.system.held
     forces = -held.part(unbalanced_forces(problem, state)[0])
@@ -510,7 +510,7 @@ def support_forces(problem: StaticProblem, state: Iterate) -> FloatArray:
     for _, way in held.moving:
         unit = way / np.maximum(np.linalg.norm(way, axis=1, keepdims=True), 1e-300)
         along = (forces[held.nodes] * unit).sum(axis=1, keepdims=True)
-        if abs(float(along.sum())) <= least:
+        if float(np.abs(along).sum()) <= least:
             forces[held.nodes] -= along * unit
     return forces
 

@@ -21,7 +21,7 @@ from fem.contact.normals import ContactNormals
 from fem.contact.search import SearchedPoints
 from fem.contact.surfaces import ContactPoints, MatchedFacets
 from fem.element.lagrange_mesh import in_pieces
-from fem.system.body import Body
+from fem.system.body import Body, ModelError
 from fem.system.held import Held, held_rows
 from fem.system.model import NodalLoad, Support, check_statement
 from geometry.assembly import Assembly
@@ -424,6 +424,8 @@ def at_share(loads: FloatArray, share: float) -> FloatArray:
     return share * loads[0] if len(loads) == 1 else (1.0 - share) * loads[0] + share * loads[1]
 
 
+#: Resistance of supports to a motion, and loads along it, that are round-off [-].
+_RESISTED = 1e-9
 #: Displacements that nodal forces cause: (n_nodes, 3) [N] to (n_nodes, 3) [mm].
 NodalInverse = Callable[[FloatArray], FloatArray]
 
@@ -469,7 +471,7 @@ class FreeMotions:
 def free_motions(
     system: System, kept: Callable[[FloatArray], FloatArray] = lambda moved: moved
 ) -> FreeMotions | None:
-    """Motions of a periodic cell as a whole; None for what is held.
+    """Motions of a periodic cell as a whole that no support or spring resists; None: none.
 
     Parameters
     ----------
@@ -477,6 +479,11 @@ def free_motions(
         Blocks and their symmetry: a sector cannot shift across the axis.
     kept
         Takes displacements (n_nodes, 3) to those at the nodes that a linear step keeps.
+
+    Raises
+    ------
+    ModelError
+        Loads along such a motion, which nothing carries.
     """
     assembly = system.assembly
     if assembly.image_of is None:
@@ -488,5 +495,38 @@ def free_motions(
         columns[:-1, mine] = (shifts @ turn)[:, None]
         arm = assembly.nodes(int(block)) - assembly.origin
         columns[-1, mine] = np.cross(assembly.axis, arm) @ turn
+    columns = np.tensordot(_unresisted(system, columns), columns, axes=1)
+    if not len(columns):
+        return None
+    _require_balance(system, columns)
     basis = np.linalg.qr(np.stack([kept(of).ravel() for of in columns], axis=1))[0]
     return FreeMotions(np.ascontiguousarray(basis.T).reshape(columns.shape))
+
+
+def _unresisted(system: System, motions: FloatArray) -> FloatArray:
+    """Combinations of motions (n, n_nodes, 3) that supports and springs leave, (m, n)."""
+    held, size = system.held, np.abs(motions).max(axis=(1, 2))
+    felt = [np.einsum("nij,kni->nkj", held.axes, motions[:, held.nodes]) * held.held[:, None]]
+    for slot in range(system.n_slots):
+        springs, mine = system.body(slot).springs, motions[:, system.nodes_of(slot)]
+        if springs is not None:
+            resisted = springs.stiffness @ mine.reshape(len(motions), -1).T
+            felt.append(
+                resisted.T.reshape(mine.shape).swapaxes(0, 1) / np.abs(springs.matrices).max()
+            )
+    rows = np.concatenate(felt).swapaxes(1, 2).reshape(-1, len(motions)) / size
+    _, values, right = np.linalg.svd(np.vstack([rows, np.zeros((len(motions),) * 2)]))
+    return right[values <= _RESISTED * max(values.max(), 1.0)] / size
+
+
+def _require_balance(system: System, motions: FloatArray) -> None:
+    """Reject loads that move a periodic cell as a whole, along motions (n, n_nodes, 3)."""
+    forces = system.external_force
+    work = np.abs(np.einsum("kni,ni->k", motions, forces)) / np.abs(motions).max(axis=(1, 2))
+    least = _RESISTED * float(np.linalg.norm(forces, axis=1).sum())
+    if (work > least).any():
+        raise ModelError(
+            f"{system.assembly.name}: got loads or a weight that move the periodic cell as a "
+            f"whole, by {float(work.max()):.3g} N, and nothing holds it; expected loads that "
+            "balance, or supports"
+        )

@@ -64,7 +64,7 @@ def test_a_state_that_is_not_reached_is_status_3(run):
     """The run ends in the middle of the motion."""
     text = COLUMN.format(words="move = [0.0, 0.0, -0.02]", law='law = "linear"\nstiffness = 10.0')
     settings = ("fem.method=explicit", "fem.end_time=1e-4", "fem.ramp_time=2e-4")
-    status, printed, answer = run(text, *settings, "fem.error_estimate=false")
+    status, printed, answer = run(text, *settings)
     assert status == 3, printed
     assert answer["reached"] is False
     assert "supports that move" in printed

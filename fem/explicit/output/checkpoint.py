@@ -26,7 +26,7 @@ from fem.explicit.step import ExplicitSystem
 from geometry.errors import RefusedError, unreadable
 from geometry.machine.system import stop_signals
 
-FORMAT = 2
+FORMAT = 3
 
 Contents = dict[str, np.ndarray[Any, Any]]
 
@@ -49,6 +49,7 @@ def write_checkpoint(path: Path, system: ExplicitSystem, state: Lanes, history: 
         "format": np.array(FORMAT),
         "fingerprint": np.array(fingerprint(system)),
         "history": history.table(),
+        "pushes": np.array(history.pushes),
         "initial_total": np.array(initial),
         "put_in": np.array(history.put_in),
         "turnover": np.array(history.turnover),
@@ -120,6 +121,7 @@ def _history(contents: Contents) -> History:
         initial_total=None if np.isnan(initial) else initial,
         put_in=float(contents["put_in"]),
         turnover=float(contents["turnover"]),
+        pushes=[tuple(row) for row in contents["pushes"].tolist()],
     )
 
 

@@ -175,6 +175,8 @@ class History:
     """Largest energy turned over so far [N mm]."""
     put_in: float = 0.0
     """Initial energy and the largest work of loads so far [N mm]."""
+    pushes: list[tuple[float, ...]] = field(default_factory=list)
+    """Time [s] and the force of each support that moves [N], of the whole, per sample."""
 
     def observe(self, energies: Energies) -> None:
         """Remember what the balance and the watchdog compare with."""
@@ -208,6 +210,7 @@ class History:
             initial_total=None if self.initial_total is None else copies * self.initial_total,
             turnover=copies * self.turnover,
             put_in=copies * self.put_in,
+            pushes=self.pushes,
         )
 
     def table(self) -> FloatArray:
