@@ -125,6 +125,8 @@ class Measure:
             words += f", face {where['face']}"
         if where.get("moved"):
             words += " (elsewhere than under the load as stated)"
+        if where.get("interference"):
+            words += " (the interference stays as it is)"
         if "radius" in where:
             height = f"z {where['height']:.1f}"
             return f"{words}, r {where['radius']:.1f}, {where['angle']:.1f}°, {height}"

@@ -1,15 +1,16 @@
 """Load factors at first cracking and crushing: loads are scaled until a stress is a strength.
 
 Contact is not linear in the load, so each factor is found by solving again, on the mesh of the
-answer. Cracking is judged by the averaged tension. Crushing is judged by the minimum principal
-stress at a point where the mesh resolves it, else by the contact pressure at a point. A contact
-law is stiffer under a larger load: what nodes may hide of a pressure is that at the factor.
+answer. Cracking is judged by the averaged tension. Crushing is judged by the contact pressure at a
+point, which a mesh must resolve, and by the minimum principal stress at a point where the mesh
+resolves it: by the larger one. A contact law is stiffer under a larger load: what nodes may hide of
+a pressure is that at the factor.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
 from fem.accuracy.one_mesh import static_state
@@ -22,10 +23,10 @@ from geometry.answer import Measure
 from geometry.errors import RefusedError
 from geometry.machine.work import LimitError
 
-#: Measures that are compared with each strength, the first that is resolved counts.
+#: Measures that are compared with each strength, the largest counts.
 JUDGED = {
     "tensile_strength": ("cracking_factor", ("sigma_1_averaged",)),
-    "compressive_strength": ("crushing_factor", ("sigma_3_min", "p_max_point")),
+    "compressive_strength": ("crushing_factor", ("p_max_point", "sigma_3_min")),
 }
 #: Error bars under a factor times the loads, with the state there.
 Bars = Callable[[float, State], Mapping[str, float]]
@@ -137,35 +138,47 @@ def _judged(
     measures = known[1.0]
     if state.deformable.moves:
         return _not_found("supports move, and loads alone are scaled")
-    usable = [n for n in names if n in measures and measures[n].is_number]
-    if not usable:
-        return _not_found(f"{names[0]} is not resolved on this mesh")
-    name = usable[0]
-    stress = measures[name]
+    there = [name for name in names if name in measures]
+    if not measures[there[0]].is_number:  # what others are on this mesh is no bound of it
+        return _not_found(f"{there[0]} is not resolved on this mesh")
+    usable = [name for name in there if measures[name].is_number]
+    stress = _largest(measures, usable)
     largest = max(abs(m.value) for m in measures.values() if m.is_number and m.unit == "MPa")
-    tension = name == "sigma_1_averaged"
+    tension = names[0] == "sigma_1_averaged"
     if stress.value == 0.0 or (tension and stress.value <= _ROUNDING * largest):
         return _none("none: no tension" if tension else "none: no stress")
     try:
-        begun = {1.0: stress} | {
-            f: of[name]
+        begun = {
+            f: _largest(of, usable)
             for f, of in known.items()
-            if name in of and of[name].is_number and of[name].value * stress.value > 0.0
+            if all(of[n].is_number for n in usable)
         }
-        factor, reached = _scaled_until(strength, begun, lambda f: at(f)[name])
+        alike = {f: m for f, m in begun.items() if m.value > 0.0 or not tension}
+        factor, reached = _scaled_until(
+            strength, {1.0: stress} | alike, lambda f: _largest(at(f), usable)
+        )
     except _BoundError as error:
         return _not_found(str(error), error.least)
-    place = {**(reached.place or {}), "stress": name}
-    if stress.place is not None and place.get("blocks") != stress.place["blocks"]:
+    place = dict(reached.place or {})
+    if stress.place is not None and place.get("blocks") != stress.place.get("blocks"):
         place["moved"] = True
+    if state.deformable.surfaces.clearance < 0.0:
+        place["interference"] = True
     if not (reached.resolved and (stress.error is None or reached.is_number)):
         remark = _TOO_COARSE.format(factor)
         return Measure(factor, "times the load", place=place, remark=remark)
-    bar = bar_at(factor, name) if stress.error is not None else None
+    bar = bar_at(factor, place["stress"]) if stress.error is not None else None
     if bar is not None:
         hidden = reached.error or 0.0
         bar = factor * abs(max(bar, hidden) / reached.value)
     return Measure(factor, "times the load", bar, place=place)
+
+
+def _largest(measures: Mapping[str, Measure], names: Sequence[str]) -> Measure:
+    """The measure of the largest size, with its name beside its place."""
+    name = max(names, key=lambda one: abs(measures[one].value))
+    found = measures[name]
+    return replace(found, place={**(found.place or {}), "stress": name})
 
 
 class _BoundError(RefusedError):
