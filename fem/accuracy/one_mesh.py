@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import replace
+from typing import NamedTuple
 
 from fem.accuracy.errors import Values, one_mesh_bars, with_stick
 from fem.accuracy.ladder import coarser, split
@@ -31,7 +32,8 @@ from geometry.mesh import FloatArray
 
 #: Elements along an edge of the coarser meshes over those of the run.
 SHARES = (2.0 / 3.0, 0.5)
-#: Error of elements of one degree less over that of one degree more, at least.
+#: Error of elements of one degree less over that of one degree more, at least: shares, this factor
+#: and `SAFETY` are judged by stored finer answers in tests/fem/test_error_estimate.py.
 _DEGREE = 2.0
 #: Parts of the way of supports that move.
 MOTION_STEPS = 20
@@ -89,8 +91,8 @@ def static_errors(
     state: State,
     solve: Callable[[Problem], State],
     spent: Budget | None = None,
-) -> dict[str, float]:
-    """Estimate the error of each measure of a state, in its unit; empty without another mesh.
+) -> OneMeshErrors:
+    """Estimate the error of each measure of a state; none without another mesh.
 
     Parameters
     ----------
@@ -130,7 +132,17 @@ def static_errors(
         bracketed(state) if meshes and not degrees else {},
         load_step_change(state),
     )
-    return with_stick(bars, stick)
+    searched = not problem.searches and any(one.searches for one, _ in coarser_ones)
+    return OneMeshErrors(with_stick(bars, stick), searched)
+
+
+class OneMeshErrors(NamedTuple):
+    """Error bars of a mesh, and what they compare."""
+
+    errors: dict[str, float]
+    """Of each measure, in its unit."""
+    searched: bool
+    """Whether contact is searched on coarser meshes alone, whose facets do not match."""
 
 
 def stick_change(

@@ -50,6 +50,8 @@ if TYPE_CHECKING:
 _AFTER = 0.25
 #: First load steps of blocks with friction that close a clearance: slip before touch is no stick.
 _CLOSING_STEPS = 4
+#: What bars include where facets of coarser meshes do not match.
+_TWO_SEARCHES = "contact is searched on coarser meshes, which do not match: bars include the change"
 _DEFAULT = Static()
 
 
@@ -265,9 +267,12 @@ def _of_coarser(
     (spent, left), parts, errors = work, dict[str, Part](), dict[str, float]()
     if method.error_estimate and problem.after is None:
         follower.tell("coarser meshes, for the errors")
-        errors = static_errors(problem, state, partial(_state, options=options), spent)
+        solve = partial(_state, options=options)
+        errors, searched = static_errors(problem, state, solve, spent)
         if left.stopped_by and not errors:
             parts["notes"] = Notes([Row("error bars", f"none: {LIMITS[left.stopped_by]}")])
+        elif searched:
+            parts["notes"] = Notes([Row("error bars", _TWO_SEARCHES)])
         follower.watch.lap("error bars")
     return _Bars(errors, partial(_errors_under, problem, options, spent), parts)
 
@@ -292,7 +297,7 @@ def _errors_under(
     def solve(other: Problem) -> State:
         return static_state(other.deformable, options, factor=factor)
 
-    return static_errors(problem, state, solve, spent)
+    return static_errors(problem, state, solve, spent).errors
 
 
 def refines(problem: Problem, method: Static) -> bool:

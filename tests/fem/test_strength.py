@@ -12,7 +12,8 @@ import numpy as np
 import pytest
 
 from fem import Material, Problem, Static, concrete, solve_static
-from fem.accuracy.strength import _BoundError, _scaled_until
+from fem.accuracy.strength import _BoundError, _scaled_until, strength_factors
+from fem.measures import measures_of
 from geometry import ColumnBox, Measure, RefusedError, SineBlock, box_column, pipe, tube
 from geometry.answer import measure_rows
 from geometry.loads import face_pressure
@@ -38,6 +39,19 @@ def test_boxes_crush_where_the_pressure_is_the_strength() -> None:
     assert found["cracking_factor"].remark.startswith("none: ")
     measures = json.loads(json.dumps(found.as_dict(), allow_nan=False))["measures"]
     assert measures["cracking_factor"]["value"] is None
+
+
+@pytest.mark.quick
+def test_crushing_is_judged_by_the_larger_stress_and_never_without_the_pressure() -> None:
+    """A stress in elements may be far below a pressure that the mesh does not resolve."""
+    problem = pressed(0.5, compressive_strength=30.0)
+    state = solve_static(problem, Static(mesh="scene", error_estimate=False)).details
+    measures = dict(measures_of(state))
+    hidden = measures | {"p_max_point": replace(measures["p_max_point"], resolved=False)}
+    factor = strength_factors(state, hidden)["crushing_factor"]
+    assert factor.remark == "not found: p_max_point is not resolved on this mesh"
+    larger = measures | {"sigma_3_min": replace(measures["sigma_3_min"], value=-30.0)}
+    assert strength_factors(state, larger)["crushing_factor"].value == pytest.approx(1.0)
 
 
 @pytest.mark.quick
