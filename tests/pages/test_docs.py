@@ -308,6 +308,20 @@ def test_every_page_begins_with_the_question_that_it_answers() -> None:
         assert "?" in title + first, page
 
 
+def test_measured_numbers_are_printed_by_a_test_or_carry_their_date() -> None:
+    """CPU times, memory, error bars and changes in per cent, section by section."""
+    measured = re.compile(r"\d CPU (?:s|min)|\d GB|± ?\d|[+−]\d+(?:\.\d+)? ?%")
+    date = re.compile(r"[A-Z][a-z]+ 20\d\d")
+    dated = 0
+    for page in [*PAGES, ROOT / "README.md"]:
+        for section in re.split(r"^#+ ", page.read_text("utf-8"), flags=re.MULTILINE):
+            told = re.sub(r"```(?:python|toml).*?```", "", section, flags=re.DOTALL)
+            if measured.search(told) and "```text" not in told:
+                assert date.search(told), (page, section.partition("\n")[0])
+                dated += 1
+    assert dated > 15
+
+
 @cache
 def _anchors(text: str) -> set[str]:
     """Names that links may lead to: headings, as GitHub and MyST write them, and labels."""
