@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import asdict
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -12,12 +13,13 @@ from fem.contact.normals import ContactNormals
 from fem.element.stress import von_mises
 from fem.measures import contact_on, contacts_of, measures_of
 from fem.problem import Problem
+from fem.rows import state_rows
 from fem.state import State
 from fem.static.result import StaticError
-from geometry.answer import Answer, Array, Lazy, Measure
+from geometry.answer import Answer, Array, Lazy, Measure, known
 from geometry.assembly import Assembly
 from geometry.mesh import FloatArray
-from geometry.parts.dimensions import dimensions
+from geometry.parts.dimensions import Built, dimensions
 from geometry.parts.rows import Part
 
 
@@ -62,7 +64,10 @@ def answer_of(
     require_balance(state)
     layer = state.deformable.assembly.layer
     measures = measures_of(state, errors, facets=facets, remarks=remarks)
-    found = dict(parts or {})
+    blocks = state.deformable.assembly if facets is None else facets[0]
+    sought = problem is not None and problem.finite_sliding
+    densities = state.deformable.densities
+    built = Built(lambda: dimensions(blocks, densities, closed_area=_closed_area(state)))
     return Answer(
         title=_title(state),
         method=state.method,
@@ -77,13 +82,12 @@ def answer_of(
             }
         ),
         contacts=contacts_of(state, facets),
-        reported=lambda: report_of(state, facets).beside(
-            {name: part.as_json() for name, part in found.items()} | dict(beside or {})
-        ),
+        reported=lambda: known(report_of(state, facets, sought=sought) | dict(beside or {})),
         details=state,
         problem=problem,
         cut=state.sections,
-        parts=found,
+        parts={**(parts or {}), "dimensions": built},
+        tabled=partial(state_rows, facets=facets),
     )
 
 
@@ -135,11 +139,20 @@ def _fields(state: State) -> Lazy[Array]:
 # Report
 
 
-def report_of(state: State, facets: tuple[Assembly, FloatArray] | None = None) -> Lazy[Any]:
-    """Evidence and statistics of the solver, as plain data."""
+def report_of(
+    state: State, facets: tuple[Assembly, FloatArray] | None, *, sought: bool
+) -> dict[str, Any]:
+    """Evidence and statistics of the solver, as plain data.
+
+    ``sought``: whether finite sliding is stated, so that contact is searched for whatever the mesh.
+    """
     result = state.deformable
     least, largest = state.nodal_stress_range
-    evidence = {
+    if result.meets:
+        contact = contact_report(state, facets) | {"contact_search": _search_words(state, sought)}
+    else:
+        contact = face_displacements(state)
+    return {
         "n_blocks": len(result.deformable_blocks),
         "n_elements": result.n_elements,
         "n_nodes": result.n_nodes,
@@ -147,17 +160,18 @@ def report_of(state: State, facets: tuple[Assembly, FloatArray] | None = None) -
         "principal_stress": {"max": float(largest), "min": float(least)},
         "assumptions": assumptions(state),
         **({"large_motion": state.large_motion} if state.large_motion else {}),
-        **(contact_report(state, facets) if result.meets else face_displacements(state)),
+        **contact,
         **_support_report(state),
         **_static_report(state),
         **_explicit_report(state),
     }
-    blocks = result.assembly if facets is None else facets[0]
 
-    def built() -> dict[str, Any]:
-        return dimensions(blocks, result.densities, closed_area=_closed_area(state)).as_json()
 
-    return Lazy({"dimensions": built}, evidence)
+def _search_words(state: State, sought: bool) -> str:
+    """Whether and why the facets that face each other were searched."""
+    if not state.deformable.contact.finite_sliding:
+        return "matching meshes, fixed pairs (small sliding)"
+    return "finite sliding" if sought else "finite sliding (non-matching meshes)"
 
 
 def assumptions(state: State) -> list[str]:

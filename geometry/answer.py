@@ -10,7 +10,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
-from html import escape
 from typing import TYPE_CHECKING, Any, TypeVar, final
 
 import numpy as np
@@ -21,7 +20,7 @@ from geometry.errors import RefusedError
 from geometry.mesh import FloatArray, IntArray, read_only
 from geometry.parts.measures import Planes, SectionError, SectionForces, first_largest, planes
 from geometry.parts.placed import AnyBlocks
-from geometry.parts.rows import Part, Row, number
+from geometry.parts.rows import TIMES, Part, Row, RowTable, number, time_row
 
 if TYPE_CHECKING:
     import pyvista as pv
@@ -281,10 +280,12 @@ class Lazy(Mapping[str, Value]):
             self._known[name] = read_only(self._makers[name]())
         return self._known[name]
 
-    def beside(self, known: Mapping[str, Value]) -> Lazy[Value]:
-        """Return the same values and others that are computed already."""
-        makers = {name: partial(self.__getitem__, name) for name in self}
-        return Lazy(makers, known) if known else self
+    def beside(
+        self, known: Mapping[str, Value], makers: Mapping[str, Callable[[], Value]] | None = None
+    ) -> Lazy[Value]:
+        """Return the same values and others, which are computed already or have makers."""
+        own = {name: partial(self.__getitem__, name) for name in self}
+        return Lazy(own | dict(makers or {}), known) if known or makers else self
 
     def __contains__(self, name: object) -> bool:
         """Whether there is such a name; nothing is computed."""
@@ -418,6 +419,8 @@ class Answer:
     """What was found beside the measures, by name; none in such an answer."""
     case: Any = None
     """What was asked (`validation.Case`); None in such an answer, and where a solver was called."""
+    tabled: Callable[[Answer], Sequence[Row]] = lambda answer: measure_rows(answer.measures)
+    """Makes the rows of its table, but those of its parts and of CPU times."""
 
     @property
     def points(self) -> FloatArray:
@@ -448,39 +451,54 @@ class Answer:
 
     @cached_property
     def report(self) -> Lazy[Any]:
-        """How it was computed: residual, iterations, times and more, as plain data.
+        """How it was computed, its parts included: residual, iterations, times, as plain data.
 
         The dimensions of the blocks are measured when they are first read.
         """
-        return self.reported()
+        return self.reported().beside({}, {name: part.as_json for name, part in self.parts.items()})
 
     def with_report(self, more: Mapping[str, Any]) -> Answer:
         """Return the same answer with more, plain data, in its report."""
-        return replace(self, reported=lambda: self.report.beside(more)) if more else self
+        reported = self.reported
+        return replace(self, reported=lambda: reported().beside(more)) if more else self
 
-    def beside(self, parts: Mapping[str, Part], more: Mapping[str, Any]) -> Answer:
-        """Return the same answer with more parts, and with more plain data in its report."""
-        data = {name: part.as_json() for name, part in parts.items()}
-        return replace(self.with_report({**data, **more}), parts={**self.parts, **parts})
+    def beside(self, parts: Mapping[str, Part]) -> Answer:
+        """Return the same answer with more parts, or others of the same names."""
+        return replace(self, parts={**self.parts, **parts})
+
+    @cached_property
+    def table(self) -> RowTable:
+        """Its rows under its title: what a command prints; dear rows are computed when first read.
+
+        The groups are verdict, measures, evidence, model and time.
+        """
+        rows = [*self.tabled(self), *(row for part in self.parts.values() for row in part.rows)]
+        if "cpu_seconds" in self.report and not any(row.title == TIMES for row in rows):
+            rows.append(time_row(self.report["cpu_seconds"]))
+        return RowTable(self.title, rows)
+
+    @property
+    def rows(self) -> dict[str, list[Row]]:
+        """Rows of `table` by their group."""
+        return self.table.groups
 
     def as_dict(self) -> dict[str, Any]:
-        """Return everything but fields and contacts as plain data: what ``--json`` prints."""
+        """Return everything but fields and contacts as plain data: what ``--json`` prints.
+
+        ``fields`` has the units of both by name.
+        """
         measures = {name: measure.as_json() for name, measure in self.measures.items()}
-        return {"title": self.title, "method": self.method, **self.report, "measures": measures}
+        units = {name: UNITS.get(name, "") for name in (*self.fields, *self.contacts.arrays)}
+        head = {"title": self.title, "method": self.method, **self.report, "measures": measures}
+        return head | {"rows": self.table.as_json(), "fields": units}
 
     def __repr__(self) -> str:
         """Return the table as text."""
-        rows = measure_rows(self.measures)
-        width = max((len(row.title) for row in rows), default=0)
-        return "\n".join([self.title, *(f"  {row.title:{width}}  {row.words}" for row in rows)])
+        return str(self.table)
 
     def _repr_html_(self) -> str:
         """Return the table for a notebook."""
-        rows = (
-            f"<tr><td>{escape(row.title)}</td><td>{escape(row.words)}</td></tr>"
-            for row in measure_rows(self.measures)
-        )
-        return f"<table><caption>{escape(self.title)}</caption>{''.join(rows)}</table>"
+        return self.table._repr_html_()
 
     def sections(
         self,
@@ -553,20 +571,20 @@ class Answer:
         kept = {"title": self.title, "method": self.method, "measures": known(dict(self.measures))}
         arrays = known(dict.fromkeys(self.arrays, np.zeros(0)))
         nothing = {"arrays": arrays, "fields": {}, "contacts": Contacts({})}
-        return _restored({**kept, **nothing}, dict(self.report))
+        return restored({**kept, **nothing}, dict(self.report), self.table.rows)
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Pickle what is plain: everything computed, without the solver's own result."""
         kept = {name: getattr(self, name) for name in _PLAIN}
-        return _restored, (kept, dict(self.report))
+        return restored, (kept, dict(self.report), list(self.table.rows))
 
 
 _PLAIN = ("title", "method", "measures", "fields", "contacts", "arrays")
 
 
-def _restored(kept: dict[str, Any], report: dict[str, Any]) -> Answer:
-    """Return an answer that was pickled."""
-    return Answer(**kept, reported=partial(known, report))
+def restored(kept: Mapping[str, Any], report: dict[str, Any], rows: Sequence[Row]) -> Answer:
+    """Return an answer that was pickled or written: its fields, report and rows."""
+    return Answer(**kept, reported=partial(known, report), tabled=lambda _: rows)
 
 
 # ---------------------------------------------------------------------------------------------

@@ -64,6 +64,11 @@ class PressureLoad(ReadOnlyArrays):
     follows_block: bool = False
     """Whether it turns with its block, in explicit runs with finite rotation; else it is dead."""
 
+    @property
+    def words(self) -> str:
+        """Its size, and on what it acts."""
+        return f"pressure {self.pressure:g} MPa {_on(self)}"
+
     def tractions(self, assembly: Assembly, points: FloatArray) -> None:  # noqa: ARG002
         """None: a pressure acts along each facet's own normal."""
         return
@@ -82,6 +87,11 @@ class TractionLoad(ReadOnlyArrays):
     force: FloatArray | None = None
     """Where a force was stated: what deformable blocks carry in all on every mesh, (3,) [N]."""
 
+    @property
+    def words(self) -> str:
+        """Its size, and on what it acts."""
+        return f"traction ({', '.join(f'{part:g}' for part in self.traction)}) MPa {_on(self)}"
+
     def tractions(self, assembly: Assembly, points: FloatArray) -> FloatArray:  # noqa: ARG002
         """Traction at points of the face, world coordinates and axes, (n, 3) [MPa]."""
         return np.tile(self.traction, (len(points), 1))
@@ -98,6 +108,11 @@ class CircumferentialLoad(ReadOnlyArrays):
     traction: float
     """[MPa]"""
 
+    @property
+    def words(self) -> str:
+        """Its size, and on what it acts."""
+        return f"traction {self.traction:g} MPa around the axis {_on(self)}"
+
     def tractions(self, assembly: Assembly, points: FloatArray) -> FloatArray:
         """Traction at points of the face, world coordinates and axes, (n, 3) [MPa]."""
         arm = points - assembly.origin
@@ -107,6 +122,13 @@ class CircumferentialLoad(ReadOnlyArrays):
 
 
 FaceLoad: TypeAlias = PressureLoad | TractionLoad | CircumferentialLoad
+
+
+def _on(load: FaceLoad) -> str:
+    """Face and number of blocks of a load."""
+    face = f"face {load.face}" if isinstance(load.face, str) else "a part of the surface"
+    n = len(load.blocks)
+    return f"on {face} of {n} block{'s' if n > 1 else ''}"
 
 
 @dataclass(frozen=True)
@@ -163,6 +185,12 @@ class LineLoad(ReadOnlyArrays):
     """The other end, (3,) [mm]."""
     force: FloatArray
     """World axes, (3,) [N/mm]."""
+
+    @property
+    def words(self) -> str:
+        """Its size, and on what it acts."""
+        force = ", ".join(f"{part:g}" for part in self.force)
+        return f"line load ({force}) N/mm on edges of {len(self.blocks)} blocks"
 
 
 @dataclass(frozen=True)

@@ -51,6 +51,8 @@ _CONTACT_BYTES = 550.0
 _PROGRAM_BYTES = 2200.0
 #: … and with cone programs.
 _CONE_BYTES = 7600.0
+#: Stage of all that is found beside the equilibrium without friction.
+BESIDE = "friction and limits"
 
 
 @dataclass(frozen=True)
@@ -80,7 +82,7 @@ class RigidResult(ReadOnlyArrays):
     n_blocks: int
     """Blocks free to move under the load."""
     cpu_seconds: dict[str, float]
-    """CPU time of each stage: interfaces, jacobian, mechanism, equilibrium, measures, parts [s]."""
+    """CPU time: interfaces, jacobian, mechanism, equilibrium, measures, `BESIDE` [s]."""
     blocks: AnyBlocks = field(repr=False)
     """What was analysed …"""
     load: LoadCase = field(repr=False)
@@ -135,8 +137,15 @@ class RigidResult(ReadOnlyArrays):
 
     @property
     def words(self) -> str:
-        """The answer as a headline says it."""
-        words = str(self.mechanism) if self.friction is None else self.friction.words
+        """The answer as a headline says it: locked, carried or not carried."""
+        if self.friction is not None:
+            words = self.friction.words
+        elif self.supported_classification.locked:
+            words = "locked"
+        elif not self.load.wrenches.any():
+            words = "not locked, and nothing acts"
+        else:
+            words = f"{self.verdict.carried} without friction"
         return words + self.edges
 
     @property
@@ -357,7 +366,7 @@ def _result(stated: RigidStatement, method: Rigid, tell: Callable[[str], None]) 
         words = (
             f"{interference:g} mm: not counted by rigid blocks; `tubelock fem` computes its forces"
         )
-        parts["interference"] = Notes([Row("interference fit", words)])
+        parts["interference"] = Notes([Row("interference fit", words, group="verdict")])
     moving = result.moving
     if moving is not None:
         from mbd.motion import motion_of_blocks, placed_motion
@@ -367,7 +376,7 @@ def _result(stated: RigidStatement, method: Rigid, tell: Callable[[str], None]) 
         parts["motion"] = motion_of_blocks(whole, motion, weight, proved=proved)
     spent = time.process_time() - start
     seconds = dict(result.cpu_seconds)
-    for stage in ("parts", "total"):
+    for stage in (BESIDE, "total"):
         seconds[stage] += spent
     return replace(result, parts=parts, cpu_seconds=seconds)
 
@@ -402,11 +411,11 @@ def _judged(
             friction=None if coulomb is None else coulomb.coefficient,
             of_pairs=() if coulomb is None else coulomb.of_pairs,
             smooth=result.equilibrium,
-            frictionless=str(result.mechanism),
+            frictionless=result.classification,
             tell=tell,
         ).parts()
     spent = time.process_time() - start
-    seconds = result.cpu_seconds | {"parts": spent}
+    seconds = result.cpu_seconds | {BESIDE: spent}
     seconds["total"] += spent
     return replace(result, parts=parts, cpu_seconds=seconds)
 

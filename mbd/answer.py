@@ -24,7 +24,7 @@ from geometry.assembly import Assembly
 from geometry.loads import LoadCase
 from geometry.mesh import FloatArray, IntArray
 from geometry.parts.balance import Imbalance, Reactions, imbalance, of_fixed_blocks, together
-from geometry.parts.dimensions import dimensions
+from geometry.parts.dimensions import Built, dimensions
 from geometry.parts.measures import (
     JointResultants,
     Measures,
@@ -41,12 +41,15 @@ from mbd.contact_jacobian import contact_wrenches
 from mbd.mechanism import Mechanism
 from mbd.motion import placed_motion
 from mbd.options import Rigid
+from mbd.rows import rigid_rows
 from mbd.supports import support_wrenches
 
 if TYPE_CHECKING:
     from geometry.polyhedra.assembly import PolyhedralAssembly
     from mbd.motion import Motion
 
+#: Forces of joints below this part of the largest are zero to round-off.
+_ROUND_OFF = 1e-9
 #: Units of numbers in the report.
 REPORT_UNITS = {
     "length": "mm",
@@ -84,10 +87,10 @@ def analyse(
     Returns
     -------
     Answer
-        Its title says the class and whether the load is carried; `details` is the `RigidResult`,
-        `parts` what was found beside. Nothing is called equilibrium above a relative residual of
-        1e-6. Where the load is not carried there are no measures and no
-        pressures, for nothing balances it; the field ``mechanism`` is then the first-order motion,
+        Its title says whether the load is carried, or that the blocks are locked; `details` is the
+        `RigidResult`, `parts` what was found beside. Nothing is called equilibrium above a relative
+        residual of 1e-6. Where the load is not carried there are no measures and no pressures, for
+        nothing balances it; the field ``mechanism`` is then the first-order motion,
         largest 1 [-].
 
     Raises
@@ -117,17 +120,13 @@ def _answer(stated: RigidStatement, result: RigidResult) -> Answer:
         fields["mechanism"] = lambda: _node_motion(
             assembly, moving, arrays["points"], arrays["block_of_point"]
         )
-    verdict = result.verdict.carries
-    if result.friction is not None:
-        verdict += f" with friction μ = {result.friction.coefficient:g}"
-    verdict += result.edges
-    if "motion" in result.parts:
-        verdict += f"; {cast('Motion', result.parts['motion']).first}"
+    moves = result.parts.get("motion")
+    first = f"; {cast('Motion', moves).first}" if moves else ""
     found = _Found(assembly, load, result)
     measures = found.measures()
     measures |= _crushing(stated.compressive_strength, measures)
     return Answer(
-        title=f"{assembly.name}: rigid, {result.mechanism}, {verdict}",
+        title=f"{assembly.name}: rigid blocks, {result.words}{first}",
         method="rigid",
         measures=known(measures),
         fields=Lazy(fields),
@@ -137,7 +136,8 @@ def _answer(stated: RigidStatement, result: RigidResult) -> Answer:
         details=result,
         problem=stated,
         cut=found.sections,
-        parts=result.parts,
+        parts={**result.parts, "dimensions": Built(lambda: dimensions(assembly))},
+        tabled=rigid_rows,
     )
 
 
@@ -264,9 +264,8 @@ class _Found:
             "n_contacts": result.n_contacts,
             "cpu_seconds": result.cpu_seconds,
             **self._solids(),
-            **{name: part.as_json() for name, part in result.parts.items()},
         }
-        return Lazy({"dimensions": lambda: dimensions(self.assembly).as_json()}, evidence)
+        return known(evidence)
 
     def _solids(self) -> dict[str, Any]:
         """What solids alone have, whose contacts are points on flat patches."""
@@ -297,6 +296,7 @@ def _joint_extremes(assembly: AnyBlocks, joints: JointResultants) -> dict[str, M
     if not len(joints.block_m):
         return {}
     force, result = joints.normal_force, {}
+    force = np.where(np.abs(force) > _ROUND_OFF * np.abs(force).max(), force, 0.0)
     for name, extreme, k in (
         ("least_joint_force", force.min(), first_largest(force.max() - force)),
         ("largest_joint_force", force.max(), first_largest(force)),

@@ -403,7 +403,7 @@ class CollapseLoad:
         proof = ""
         if np.isfinite(self.upper_bound):
             proof = f"; kinematic upper bound {self.upper_bound:.6g}, residual {self.residual:.1e}"
-        return [Row("limit load", self.status + proof, finite(self.factor))]
+        return [Row("limit load", self.status + proof, finite(self.factor), "", "verdict")]
 
     def as_json(self) -> dict[str, Any]:
         """Return plain data."""

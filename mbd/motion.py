@@ -82,7 +82,8 @@ class Motion:
     @property
     def rows(self) -> list[Row]:
         """One row."""
-        return [Row("blocks that move most", self.words + ("" if self.proved else " (not proved)"))]
+        words = self.words + ("" if self.proved else " (not proved)")
+        return [Row("blocks that move most", words, group="verdict")]
 
     def as_json(self) -> dict[str, Any]:
         """Return plain data."""

@@ -31,6 +31,7 @@ from mbd.friction import (
     frictional_equilibrium,
 )
 from mbd.loading import settled
+from mbd.mechanism import Classification
 from mbd.motion import motion_of_blocks, placed_motion
 from mbd.options import Rigid
 from mbd.pushes import interlocking_margin
@@ -55,8 +56,10 @@ class Friction:
     (n_contacts, 3) [N]."""
     squeeze: Squeeze | None
     """Whether friction that carries the load is pressed by it."""
-    frictionless: str
-    """Class without friction, in words."""
+    frictionless: Classification
+    """Without friction."""
+    carried_smooth: bool
+    """Whether the load is carried without friction."""
     named: Callable[[int], str] = field(repr=False)
     """Name of a block."""
 
@@ -79,16 +82,25 @@ class Friction:
         else:
             words = "not carried" if self.equilibrium.mechanism is not None else "not decided"
         words += f"{',' if ':' in words else ''} with friction {given}"
-        return f"{words} (without: {self.frictionless})" if self.holds else words
+        if not self.holds:
+            return words
+        without = "carried" if self.carried_smooth else "not carried"
+        return f"{words} (without: {'locked' if self.frictionless.locked else without})"
 
     @property
     def rows(self) -> list[Row]:
-        """The proof."""
+        """None: its words are the verdict, and `proof_rows` stand first among the evidence."""
+        return []
+
+    @property
+    def proof_rows(self) -> list[Row]:
+        """The proof, and that of the class without friction."""
         found, proof = self.equilibrium, ""
         if found.mechanism is not None:
             proof = f"; fᵀd/‖f‖ = {found.work:.3g}, least contact work "
             proof += f"{found.smallest_contact_work:.1e}"
-        return [Row("proof", found.status + proof, found.residual)]
+        rows = [Row("proof", found.status + proof, found.residual)]
+        return [*rows, Row("proof without friction", self.frictionless.proof)]
 
     def as_json(self) -> dict[str, Any]:
         """Return plain data."""
@@ -135,8 +147,8 @@ class Question:
     smooth: Equilibrium
     """Without friction. Forces that balance the load are admissible whatever the friction: no joint
     needs a squeeze beforehand."""
-    frictionless: str
-    """Class without friction, in words."""
+    frictionless: Classification
+    """Without friction."""
     tell: Callable[[str], None]
     """Called with what is being found."""
 
@@ -241,6 +253,7 @@ class Question:
             forces=forces,
             squeeze=pressed,
             frictionless=self.frictionless,
+            carried_smooth=self.smooth.holds,
             named=self.blocks.named,
         )
 

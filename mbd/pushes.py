@@ -228,7 +228,7 @@ class Pushes:
             if axes:
                 words.append(f"{title} {', '.join(axes)}")
         words[-1:] = [f"{words[-1]} (all blocks together, frictionless)"]
-        return [Row("resistance to pushes", "; ".join(words))]
+        return [Row("resistance to pushes", "; ".join(words), group="verdict")]
 
     def as_json(self) -> dict[str, Any]:
         """Return plain data."""
@@ -312,7 +312,9 @@ class Push:
     @property
     def rows(self) -> list[Row]:
         """The force."""
-        return [Row("limit of the push", f"{self.words} (by faces)", self.associated, "N")]
+        return [
+            Row("limit of the push", f"{self.words} (by faces)", self.associated, "N", "verdict")
+        ]
 
     def as_json(self) -> dict[str, Any]:
         """Return plain data: forces in N; None where friction jams and there is no limit."""

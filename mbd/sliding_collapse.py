@@ -133,7 +133,7 @@ class SlidingCollapse:
     @property
     def rows(self) -> list[Row]:
         """The factor."""
-        return [Row("non-associated limit load", self.status, finite(self.factor))]
+        return [Row("non-associated limit load", self.status, finite(self.factor), "", "verdict")]
 
     def as_json(self) -> dict[str, Any]:
         """Return plain data."""

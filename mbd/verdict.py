@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from math import isnan
 from typing import Any, NamedTuple
 
-from geometry.parts.rows import Row, finite
+from geometry.parts.rows import Row, finite, grouped
 from mbd.mechanism import Classification, MechanismClass
 
 #: What a load takes that does not press the joints itself.
@@ -40,13 +40,6 @@ class Verdict(NamedTuple):
         words = {True: "carried", False: "not carried", None: "not decided"}
         return words[self.holds] + self.condition
 
-    @property
-    def carries(self) -> str:
-        """The same of an assembly that is named before it."""
-        if self.holds is None:
-            return "carrying the load is not decided"
-        return ("carries the load" if self.holds else "does not carry the load") + self.condition
-
 
 def _factor_words(factor: float) -> str:
     return "none" if isnan(factor) else f"{factor:.6g}".replace("inf", "unbounded")
@@ -75,27 +68,31 @@ class EdgesAndCorners:
             held = "held by edges and corners alone: faces alone do not carry"
             return f"{held}; with both {both.carried}" if both.squeezed is not False else held
         changed = [both.carried] if both.carried != faces.carried else []
-        if both.mechanism is not faces.mechanism:
-            changed.insert(0, str(both.mechanism))
+        if self.classification.locked and faces.mechanism is not MechanismClass.LOCKED:
+            changed.insert(0, "locked")
         return f"with edges and corners: {', '.join(changed)}" if changed else ""
 
     @property
     def rows(self) -> list[Row]:
-        """One row: the verdict and the limit load with edges and corners."""
+        """The verdict and the limit load with edges and corners; the proof of another class."""
         words = "nothing to the verdict"
         if self.words:
-            words = f"verdict: {self.both.mechanism}, {self.both.carried}"
+            words = f"verdict: {self._named}"
         if self.factors is not None:
             without, factor = map(_factor_words, self.factors)
             words += f"; limit load factor {factor} for {without}"
         left = f"({self.n_contacts} contacts without area, left out: a chamfer removes them)"
-        return [Row("edges and corners would add", f"{words} {left}")]
+        proof = []
+        if self.both.mechanism is not self.faces.mechanism:
+            proof = [Row("proof with edges and corners", self.classification.proof)]
+        return grouped(
+            verdict=[Row("edges and corners would add", f"{words} {left}")], evidence=proof
+        )
 
     @property
-    def proof_rows(self) -> list[Row]:
-        """Proof of the class with them, where it is another one."""
-        other = self.both.mechanism is not self.faces.mechanism
-        return [Row("proof with edges and corners", self.classification.proof)] if other else []
+    def _named(self) -> str:
+        """Verdict with them."""
+        return f"{'locked, ' * self.classification.locked}{self.both.carried}"
 
     def as_json(self) -> dict[str, Any]:
         """Return plain data."""

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, cast
 from fem.method import Static
 from geometry.compilation.clocks import stages
 from geometry.errors import RefusedError
+from geometry.parts.dimensions import Limits
 from mbd.options import Rigid
 from validation.case import Case
 from validation.errors import InputError, named
@@ -19,6 +20,7 @@ if TYPE_CHECKING:
     from fem.explicit.solve import Frame
     from geometry.answer import Answer
     from geometry.machine.work import Budget
+    from geometry.parts.dimensions import Built
 
 
 def solve(
@@ -94,7 +96,9 @@ def solve(
         from validation.build.answered import of_scene
 
         answer = of_scene(case, answer, built)
-    return replace(answer, case=case)
+    built_blocks = cast("Built", answer.parts["dimensions"])
+    limits = Limits(case.limits.least_wall, case.limits.steepest_joint)
+    return replace(answer.beside({"dimensions": replace(built_blocks, limits=limits)}), case=case)
 
 
 @contextmanager

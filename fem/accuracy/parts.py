@@ -16,7 +16,10 @@ from fem.accuracy.errors import OnMesh, is_negligible, relative, unmet
 from geometry.answer import Measure
 from geometry.assembly import Assembly
 from geometry.mesh import FloatArray
-from geometry.parts.rows import Row
+from geometry.parts.rows import Row, grouped
+
+#: Why a state has no error bars.
+NOT_ASKED = Row("error bars", "none: fem.error_estimate = false", group="evidence")
 
 
 @dataclass(frozen=True)
@@ -57,7 +60,7 @@ class Accuracy:
     def rows(self) -> list[Row]:
         """Each request with what was reached, and what ended the refinement."""
         rows = [Row("requested error bars", row) for row in self.request_rows()]
-        return [*rows, Row("refinement ended by", self.ended_by)]
+        return grouped(evidence=[*rows, Row("refinement ended by", self.ended_by)])
 
     def as_json(self) -> dict[str, Any]:
         """Return plain data."""
@@ -89,7 +92,7 @@ class Meshes:
             of, seconds = mesh.beside, mesh.beside["cpu_seconds"]
             words = f"{of['elements_per_block']} elements of degree {mesh.rung.degree} per block"
             words += f", {of['unknowns']} unknowns: {seconds:.2f} CPU s"
-            rows.append(Row("meshes", words, seconds, "s"))
+            rows.append(Row("meshes", words, seconds, "s", "time"))
         return rows
 
     def as_json(self) -> list[dict[str, Any]]:
@@ -120,7 +123,7 @@ class MeshFacets:
     def rows(self) -> list[Row]:
         """Their size."""
         words = f"those of [mesh], {self.size:.3g} mm (square root of the mean area)"
-        return [Row("facets of p_eff, p_max", words, self.size, "mm")]
+        return [Row("facets of p_eff, p_max", words, self.size, "mm", "model")]
 
     def as_json(self) -> dict[str, Any]:
         """Return plain data."""

@@ -23,6 +23,7 @@ from fem.accuracy.converge import (
     why_not_refined,
 )
 from fem.accuracy.one_mesh import static_errors, static_state
+from fem.accuracy.parts import NOT_ASKED
 from fem.answer import answer_of
 from fem.element.hexahedron import ElementType
 from fem.measures import measures_of
@@ -121,7 +122,7 @@ def solve_static(
             answer = _answer(
                 problem, method, store, follower, sought=otherwise, work=work, finer=finer
             )
-        return answer.beside({"work": spent}, {})
+        return answer.beside({"work": spent})
 
 
 def most_work(problem: Problem, method: Static, *, finer: bool) -> float | None:
@@ -270,10 +271,13 @@ def _of_coarser(
         solve = partial(_state, options=options)
         errors, searched = static_errors(problem, state, solve, spent)
         if left.stopped_by and not errors:
-            parts["notes"] = Notes([Row("error bars", f"none: {LIMITS[left.stopped_by]}")])
+            words = f"none: {LIMITS[left.stopped_by]}"
+            parts["notes"] = Notes([Row("error bars", words, group="evidence")])
         elif searched:
-            parts["notes"] = Notes([Row("error bars", _TWO_SEARCHES)])
+            parts["notes"] = Notes([Row("error bars", _TWO_SEARCHES, group="evidence")])
         follower.watch.lap("error bars")
+    elif not method.error_estimate:
+        parts["notes"] = Notes([NOT_ASKED])
     return _Bars(errors, partial(_errors_under, problem, options, spent), parts)
 
 

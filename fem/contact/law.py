@@ -128,6 +128,17 @@ class ContactLaw:
     """What scenes call constants that have another name here."""
 
     @property
+    def words(self) -> str:
+        """Its name and its finite constants, as scenes call them."""
+        given = ((self.keys.get(name, name), value) for name, value in vars(self).items())
+        numbers = [
+            f"{name} {value:g}"
+            for name, value in given
+            if isinstance(value, int | float) and math.isfinite(value)
+        ]
+        return f"{self.name} law" + (f" ({', '.join(numbers).replace('_', ' ')})" * bool(numbers))
+
+    @property
     def constants(self) -> LawConstants:
         """Numbers for the compiled functions."""
         raise NotImplementedError

@@ -153,7 +153,7 @@ class Budget:
         if self.stopped_by != "work" or self.work is None:
             return []
         words = f"{self.seconds:.3g} of {self.work:g} s on the reference machine"
-        return [Row("work", words, self.seconds, "s")]
+        return [Row("work", words, self.seconds, "s", "evidence")]
 
     def as_json(self) -> dict[str, Any]:
         """Return plain data."""

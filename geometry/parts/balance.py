@@ -7,8 +7,9 @@ supports shows whether the printed forces are those of the solution.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -20,6 +21,8 @@ from geometry.parts.rows import Row, finite, number
 
 #: Part of the forces on a block below which supports have taken all of them.
 _TAKEN = 1e-9
+#: Part of the size of an assembly by which supports of a ring may lie apart from it.
+_RING = 1e-3
 #: Direction that is vertical where thrusts are horizontal.
 _UP = np.array([0.0, 0.0, 1.0])
 
@@ -130,9 +133,38 @@ class Reactions(Resultants):
                 "point": self.points[k].tolist(),
                 "horizontal": float(self.thrusts[k]),
                 "outward": finite(self.outward[k]),
+                **self._in_ring(k),
             }
             for k, name in enumerate(self.names)
         }
+
+    @cached_property
+    def rings(self) -> list[IntArray]:
+        """Supports of each ring: three or more at one height and distance from their middle."""
+        level = self.centroids[:, 2], np.ptp(self.centroids, axis=0).max(initial=0.0) * _RING
+        _, levels = np.unique(np.round(level[0] / (level[1] or 1.0)), return_inverse=True)
+        result = []
+        for one in range(levels.max(initial=-1) + 1):
+            here = np.flatnonzero(levels == one)
+            arms = np.linalg.norm(self._arms(here), axis=1)
+            closed = np.isfinite(outward_thrust(self.centroids[here], self.forces[here]))
+            if closed and np.ptp(arms) <= level[1]:
+                result.append(here)
+        return result
+
+    def _arms(self, ring: IntArray) -> FloatArray:
+        """Horizontal part from the middle of some supports to each of them, (n, 2) [mm]."""
+        at: FloatArray = self.centroids[ring, :2]
+        return at - at.mean(axis=0)
+
+    def _in_ring(self, support: int) -> dict[str, Any]:
+        """Number of its ring, and the horizontal part away from its middle; empty: in none."""
+        for which, ring in enumerate(self.rings):
+            if support in ring:
+                arm = self._arms(ring)[ring == support][0]
+                radial = -float(self.forces[support, :2] @ arm / np.linalg.norm(arm))
+                return {"ring": which, "radial": radial}
+        return {}
 
 
 def outward_thrust(points: FloatArray, forces: FloatArray) -> float:
@@ -252,25 +284,55 @@ def together(one: Reactions, two: Reactions) -> Reactions:
 def reaction_rows(reactions: Mapping[str, Mapping[str, Any]], most: int = 6) -> list[Row]:
     """Name, force, point of action and horizontal part, of the largest ``most``.
 
+    The supports of a ring share a row: their sum, and the radial thrust of each, largest first.
     Parts below a billionth of the largest force are printed as zero.
     """
     size = {name: float(np.linalg.norm(one["force"])) for name, one in reactions.items()}
     largest = max(size.values(), default=0.0)
-    chosen = sorted(size, key=lambda name: -round(size[name] / (largest or 1.0), 6))[:most]
+    alone = [name for name, one in reactions.items() if "ring" not in one]
+    chosen = sorted(alone, key=lambda name: -round(size[name] / (largest or 1.0), 6))[:most]
 
-    def shown(values: Sequence[float], least: float) -> str:
+    def shown(values: Iterable[float], least: float = 1e-9 * largest) -> str:
         return ", ".join(number(0.0 if abs(v) <= least else v) for v in values)
 
     rows = []
-    for name in (name for name in reactions if name in chosen):
+    for ring in dict.fromkeys(one["ring"] for one in reactions.values() if "ring" in one):
+        names = [name for name, one in reactions.items() if one.get("ring") == ring]
+        rows.append(_ring_row({name: reactions[name] for name in names}, shown))
+    for name in (name for name in alone if name in chosen):
         one, words = reactions[name], ""
         if size[name] > 1e-9 * largest:
             words = f" at ({shown(one['point'], 1e-6)}) mm, horizontal thrust "
-            words += f"{shown([abs(one['horizontal'])], 1e-9 * largest)} N"
+            words += f"{shown([abs(one['horizontal'])])} N"
             if one["outward"] == one["horizontal"]:
                 way = "outward" if one["outward"] > 0.0 else "inward"
                 words += f" {way}, summed around the support"
-        words = f"{name}: ({shown(one['force'], 1e-9 * largest)}) N{words}"
+        words = f"{name}: ({shown(one['force'])}) N{words}"
         rows.append(Row("reactions", words, size[name], "N"))
-    left = len(reactions) - len(rows)
+    left = len(alone) - len(chosen)
     return [*rows, Row("reactions", f"{left} more, in the report")] if left else rows
+
+
+def balance_rows(report: Mapping[str, Any]) -> list[Row]:
+    """What the printed forces leave of the balance of a block; none where it is not reported."""
+    if "imbalance" not in report:
+        return []
+    left = report["imbalance"]
+    words = f"force {left['force']:.1e}, moment {left['moment']:.1e} of the largest joint force"
+    return [Row("largest imbalance of a block", words, max(left["force"], left["moment"]))]
+
+
+def _ring_row(
+    ring: Mapping[str, Mapping[str, Any]], shown: Callable[[Iterable[float]], str]
+) -> Row:
+    """Row of the supports of a ring."""
+    order = sorted(ring, key=lambda name: -round(abs(ring[name]["radial"]), 6))
+    each = [shown([ring[name]["radial"]]) for name in order]
+    names = [name.removeprefix("block ") for name in order]
+    total = np.sum([one["force"] for one in ring.values()], axis=0)
+    words = f"{len(names)} supports of a ring: sum ({shown(total)}) N, radial thrust outward "
+    if len(set(each)) == 1:
+        words += f"{each[0]} N each (blocks {', '.join(names)})"
+    else:
+        words += ", ".join(f"{value} N ({name})" for name, value in zip(names, each, strict=True))
+    return Row("reactions", words, float(np.linalg.norm(total)), "N")

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -17,6 +18,7 @@ from geometry.block import Block
 from geometry.mesh import BoolArray, FloatArray, IntArray
 from geometry.meshing.charts import facet_corners
 from geometry.parts.placed import AnyBlocks
+from geometry.parts.rows import Row, grouped
 from geometry.parts.walls import has_faces, least_wall, unit_vectors
 
 #: Units of `Dimensions` as plain data.
@@ -70,6 +72,14 @@ class Dimensions:
     closed: bool = False
     """Whether the contact area is what touches in a state, not what faces another as built."""
 
+    @property
+    def volume_words(self) -> str:
+        """Volume of a block and of all, with their mass where it is known."""
+        least, largest = (f"{volume:.5g}" for volume in self.block_volume)
+        each = f"{least} mm³" if least == largest else f"{least} to {largest} mm³"
+        words = f"{each} per block, {self.volume:.5g} mm³ in all"
+        return words if self.mass is None else f"{words}, {1e3 * self.mass:.4g} kg"
+
     def as_json(self) -> dict[str, Any]:
         """Plain data with units."""
         least, largest = self.block_volume
@@ -77,6 +87,61 @@ class Dimensions:
         known = {name: getattr(self, name) for name in UNITS if getattr(self, name) is not None}
         units = {name: UNITS[name] for name in known}
         return known | {"closed": self.closed, "block_volume": volumes, "units": units}
+
+
+@dataclass(frozen=True)
+class Limits:
+    """What can be built; None: any."""
+
+    least_wall: float | None = None
+    """Smallest wall that can be cast [mm]."""
+    steepest_joint: float | None = None
+    """Largest angle of a joint to its mean plane that can be cast [degrees]."""
+
+    def rows(self, found: Dimensions) -> list[Row]:
+        """Volume, mass, contact area, least wall and steepest joint, and which exceed a limit."""
+        area, wall, angle = found.contact_area, found.least_wall, found.steepest_joint
+        of = "closed at the end" if found.closed else "each joint of a free block once"
+        rows = [
+            Row("volume", found.volume_words, found.volume, "mm³"),
+            Row("contact area", f"{area:.5g} mm², {of}", area, "mm²"),
+        ]
+        if wall is not None:
+            words = f"{wall:.4g} mm"
+            if self.least_wall is not None and wall < self.least_wall:
+                words += f": TOO THIN, limits.least_wall is {self.least_wall:g} mm"
+            rows.append(Row("least wall of a block", words, wall, "mm"))
+        if angle is not None:
+            words = f"{angle:.3g}° to its mean plane"
+            if self.steepest_joint is not None and angle > self.steepest_joint:
+                words += f": TOO STEEP, limits.steepest_joint is {self.steepest_joint:g}°"
+            rows.append(Row("steepest joint", words, angle, "degrees"))
+        elif self.steepest_joint is not None:
+            words = "not known of blocks without named faces: not checked"
+            rows.append(Row("steepest joint", words))
+        return rows
+
+
+@dataclass(frozen=True)
+class Built:
+    """Part of an answer: the dimensions of its blocks, measured when they are first read."""
+
+    measure: Callable[[], Dimensions]
+    limits: Limits = Limits()
+
+    @cached_property
+    def dimensions(self) -> Dimensions:
+        """What is measured."""
+        return self.measure()
+
+    @property
+    def rows(self) -> list[Row]:
+        """Those of `Limits`."""
+        return grouped(model=self.limits.rows(self.dimensions))
+
+    def as_json(self) -> dict[str, Any]:
+        """Return plain data with units."""
+        return self.dimensions.as_json()
 
 
 def dimensions(

@@ -135,7 +135,9 @@ def test_interrupted_tube_continues_to_the_same_bits(tubelock, monkeypatch) -> N
     for name in ("history.csv", "fields.vtu"):
         assert Path("whole", name).read_bytes() == Path("cut", name).read_bytes()
     whole, cut = read_answer("whole"), read_answer("cut")
-    assert (whole.method, repr(whole)) == ("explicit", repr(cut))
+    assert whole.method == "explicit"
+    for group in ("verdict", "measures", "evidence", "model"):
+        assert whole.rows[group] == cut.rows[group]
 
 
 def test_larger_clearance_means_larger_displacement_and_pressure() -> None:

@@ -45,7 +45,7 @@ def test_names_with_markup_are_only_names(tubelock, name) -> None:
         "mbd", f"{name}.toml", *short, "--set", "mesh.axial=4", "-o", "[/x]"
     )
     assert (status, err) == (0, "")
-    assert out.splitlines()[0].startswith(f"{name}, rigid blocks: ")
+    assert out.splitlines()[0].startswith(f"{name}: ")
     assert "picture   [/x]/contact_pressures.png" in out
     status, out, err = tubelock("mbd", name)
     assert status == 2

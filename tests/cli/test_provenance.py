@@ -83,7 +83,7 @@ def test_field_file_names_scene_load_and_mesh_and_is_still_read(
 def test_a_list_of_rows_stands_under_one_key() -> None:
     data = stamped([{"a": 1}], Provenance())
     assert data["rows"] == [{"a": 1}]
-    assert data["json_version"] == 4
+    assert data["json_version"] == 5
     assert "scene" not in data["provenance"]
 
 

@@ -46,6 +46,8 @@ def test_friction_of_zero_is_none(kind: str) -> None:
     problem = drawn(kind, np.random.default_rng(2))
     answers = [analyse(replace(problem, friction=mu)) for mu in (None, 0.0)]
     plain, zero = (answer.as_dict() | {"cpu_seconds": None, "work": None} for answer in answers)
+    for data in (plain, zero):
+        data["rows"] = [row for row in data["rows"] if row["group"] != "time"]
     assert json.dumps(plain) == json.dumps(zero)
 
 

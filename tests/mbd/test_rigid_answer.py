@@ -222,7 +222,8 @@ def test_the_supports_carry_the_weight(scene: str) -> None:
     np.testing.assert_allclose(answer["reaction"], -applied, atol=1e-6 * size)
     assert found["total_reaction"]["value"] == np.linalg.norm(answer["reaction"])
     forces = [joint["normal_force"] for joint in answer["joints"]]
-    assert found["least_joint_force"]["value"] == min(forces)
+    noise = 1e-9 * max(forces)  # round-off is printed as zero
+    assert found["least_joint_force"]["value"] == pytest.approx(min(forces), abs=noise)
     assert found["largest_joint_force"]["value"] == max(forces)
 
 
@@ -254,13 +255,13 @@ def test_first_rows_are_printed_before_the_paper_s_measures(tmp_path: Path) -> N
     told = ("--json", str(tmp_path / "answer.json"))
     status, words, said = command("mbd", str(tmp_path / "tube.toml"), *told)
     assert status == 0, said
-    order = ["kinematics", "in equilibrium", "largest contact pressure", "normal forces of joints"]
+    order = ["verdict", "in equilibrium", "largest contact pressure", "normal forces of joints"]
     order += [
         "total reaction",
-        "hoop stress p·r/t",
         "the paper's measures",
         "p_eff (formula)",
         "p_max",
+        "hoop stress p·r/t",
     ]
     places = [words.index(f"│ {row} ") for row in order]
     assert places == sorted(places)

@@ -294,6 +294,20 @@ def test_no_page_has_an_empty_name_a_dead_link_or_a_torn_sentence(
         assert list(_flaws(page, text, pages)) == [], page
 
 
+def test_a_cell_and_the_command_beside_it_print_one_table(capsys: pytest.CaptureFixture) -> None:
+    """All but CPU times, which stand last."""
+    text = (DOCS / "start/index.md").read_text("utf-8")
+    (cell,) = re.findall(r"```python\n(.*?)```", text, re.DOTALL)
+    after = text[text.index(cell) :]
+    (words,) = _lines(re.findall(r"```sh\n(.*?)```", after, re.DOTALL)[0])
+    exec(compile(cell, "cell", "exec"), {"__name__": "cell"})
+    table = capsys.readouterr().out.rpartition("├")[0]
+    status, _, printed = command(*words, "--json", "-")
+    assert status == 0
+    assert "carried with friction" in table
+    assert table in printed
+
+
 def test_every_picture_of_the_readme_is_in_the_repository() -> None:
     text = (ROOT / "README.md").read_text("utf-8")
     pictures = re.findall(r"!\[[^]]+\]\(([^)]+)\)", text) + re.findall(r'<img src="([^"]+)"', text)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass, replace
-from enum import StrEnum
 from typing import TYPE_CHECKING, Any
 
 from fem.element.hexahedron import ElementType
@@ -12,7 +11,7 @@ from geometry.answer import Answer
 from geometry.compilation.clocks import summed
 from geometry.machine.system import peak_memory_mb
 from geometry.parts.measures import Planes, SectionError
-from geometry.parts.rows import Notes, Part, Row
+from geometry.parts.rows import Notes, Part, Row, grouped
 from validation.build.problem import scene_planes
 from validation.case import Case
 from validation.errors import named
@@ -33,14 +32,6 @@ NEARLY_INCOMPRESSIBLE = 0.49
 _MEAN_STRESS = (ElementType.B_BAR, ElementType.REDUCED)
 
 
-class ContactSearch(StrEnum):
-    """Whether and why a run searches the facets that face each other."""
-
-    NONE = "matching meshes, fixed pairs (small sliding)"
-    ASKED = "finite sliding"
-    NEEDED = "finite sliding (non-matching meshes)"
-
-
 def of_scene(case: Case, answer: Answer, built: dict[str, float]) -> Answer:
     """The answer with the title of its scene, and parts that only the scene knows.
 
@@ -58,11 +49,10 @@ def of_scene(case: Case, answer: Answer, built: dict[str, float]) -> Answer:
         if hoop is not None:
             parts["ring_pressure"] = hoop
         notes = dict(_rigid_notes(scene, answer))
+        title = f"{case.name}: {scene.load_words}; {title.removeprefix(f'{blocks.name}: ')}"
     else:
         solution = answer.details
         told["peak_memory_mb"] = peak_memory_mb()
-        if solution.deformable.meets:
-            told["contact_search"] = str(_contact_search(scene, solution))
         title, notes = _title(case.name, scene, solution), dict(_notes(scene, solution))
         if "meshes" in answer.parts:
             title = answer.parts["meshes"].qualified(title)  # type: ignore[attr-defined]
@@ -75,8 +65,9 @@ def of_scene(case: Case, answer: Answer, built: dict[str, float]) -> Answer:
             notes["sections"] = f"none: {error}"
     if notes or "notes" in answer.parts:
         of_solver = answer.parts["notes"].rows if "notes" in answer.parts else []
-        parts["notes"] = Notes([*of_solver, *(Row(*note) for note in notes.items())])
-    return replace(answer.beside(parts, told), title=title)
+        rows = grouped(model=(Row(*note) for note in notes.items()))
+        parts["notes"] = Notes([*of_solver, *rows])
+    return replace(answer.beside(parts).with_report(told), title=title)
 
 
 def _sections(cut: Planes | None, answer: Answer) -> dict[str, Part]:
@@ -134,14 +125,6 @@ def _notes(scene: DeformableScene, solution: State) -> Iterator[tuple[str, str]]
             f"size {min(sizes):.3g}{to} mm (mesh.size; by default ∛V), each split into four "
             "hexahedra",
         )
-
-
-def _contact_search(scene: DeformableScene, solution: State) -> ContactSearch:
-    """Whether and why facets that face each other were searched."""
-    if not solution.deformable.contact.finite_sliding:
-        return ContactSearch.NONE
-    requested = scene.effects.finite_sliding
-    return ContactSearch.ASKED if requested else ContactSearch.NEEDED
 
 
 def _title(name: str, scene: DeformableScene, solution: State) -> str:

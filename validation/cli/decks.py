@@ -207,7 +207,6 @@ def deck(
         input_table,
         read_file,
         rewrite,
-        rotation_rows,
         run_command,
         solve_deck,
     )
@@ -232,24 +231,15 @@ def deck(
             draw_deck(stated, picture)
             outputs.say("picture", picture)
         if run:
-            before = len(stated.model.notes)
             method = deck_method(stated, asked)
             with solver_progress(stated.name) as show:
                 answer = solve_deck(stated, method, show)
                 show.end(answer)
-            outputs.console.print(str(answer))
-            refined = answer.parts.get("accuracy")
-            turned = rotation_rows(stated, answer)
-            for row in [*turned, *(() if refined is None else refined.rows)]:
-                outputs.console.print(f"  {row.title:20} {row.words}")
-            for note in stated.model.notes[before:]:
-                outputs.console.print(note)
-            data["remarks"] = stated.model.notes
-            data["measures"] = answer.as_dict()["measures"]
-            if turned:
-                data["largest_rotation"] = turned[0].value
-            if refined is not None:
-                data["accuracy"] = refined.as_json()
+            outputs.show(answer.table)
+            found, named = answer.as_dict(), ("title", "measures", "rows", "accuracy")
+            data = input_json(stated) | {name: found[name] for name in named if name in found}
+            if "rotation" in answer.parts:
+                data["largest_rotation"] = answer.parts["rotation"].rows[0].value
         outputs.write_json(data)
     if run:
         exit_by(answer, method)

@@ -58,7 +58,7 @@ def fem(
     Static or explicit: displacements, principal stresses, contact pressures, energies.
     """
     from validation.case import load_case, with_auto
-    from validation.output.deformable.answers import run_table, write_run_files
+    from validation.output.deformable.answers import write_run_files
 
     case = with_auto(load_case(scene, settings or ()), auto, keep or ())
     if combinations:
@@ -68,7 +68,7 @@ def fem(
     with _outputs(case, json, output, resume, fields=fields) as outputs:
         case, decision = decided(case, outputs.console, keep)
         answer = _solved(case, outputs, resume).with_report(decision)
-        outputs.show(run_table(answer))
+        outputs.show(answer.table)
         outputs.tell_keys()
         if outputs.folder is not None:
             write_run_files(answer, outputs)

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -25,7 +24,6 @@ if TYPE_CHECKING:
     from geometry.parts.rows import Part
     from validation.case import Case
     from validation.output.explosion import Explosion
-    from validation.output.outputs import Outputs
 
 
 @method_options("rigid", "max_work", "max_seconds", "max_memory")
@@ -65,7 +63,7 @@ def mbd(
     """
     from validation.case import load_case
     from validation.output.progress import following
-    from validation.output.rigid import FILES, rigid_table, write_rigid
+    from validation.output.rigid import FILES, write_rigid
     from validation.solving import solve
 
     case = load_case(scene, settings or (), method="rigid")
@@ -78,16 +76,16 @@ def mbd(
 
         check(case, unlock=unlock, refine=refine)
     with scene_outputs(case, json, output, FILES, fields=fields) as outputs:
-        explosion = _exploded(case) if disassemble else None
+        parts: dict[str, Part] = {"disassembly": _exploded(case)} if disassemble else {}
         with following(case.name) as show:
             answer = solve(case, show)
-        answer = answer.beside(_studied(case, answer, unlock=unlock, refine=refine), {})
-        outputs.show(rigid_table(answer))
+        parts |= _studied(case, answer, unlock=unlock, refine=refine)
+        answer = answer.beside(parts)
+        outputs.show(answer.table)
         outputs.tell_keys()
-        added = {} if explosion is None else _shown(explosion, outputs)
         if outputs.folder is not None:
             write_rigid(answer, outputs)
-        outputs.write_answer(answer.with_report(added))
+        outputs.write_answer(answer)
 
 
 def _studied(case: Case, answer: Answer, *, unlock: bool, refine: bool) -> dict[str, Part]:
@@ -115,13 +113,3 @@ def _exploded(case: Case) -> Explosion:
 
     with following(f"{case.name}: motion outwards"):
         return run_explosion(case)
-
-
-def _shown(explosion: Explosion, outputs: Outputs) -> dict[str, Any]:
-    """Print and draw how far blocks move; the same as plain data."""
-    from validation.output.pictures.polyhedra import draw_explosion
-    from validation.output.rigid import explosion_table
-
-    outputs.show(explosion_table(explosion))
-    outputs.write("picture", "explosion.png", partial(draw_explosion, explosion))
-    return {"disassembly": explosion.as_json()}

@@ -5,17 +5,17 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Callable, Collection, Iterator, Mapping
-from functools import partial
 from pathlib import Path
 from typing import Any
 from zipfile import BadZipFile
 
 import numpy as np
 
-from geometry.answer import Answer, Contacts, Measure, known
+from geometry.answer import Answer, Contacts, Measure, known, restored
 from geometry.errors import unreadable
 from geometry.files.mesh_io import write_cells
 from geometry.machine.system import write_whole
+from geometry.parts.rows import Row
 from validation.errors import InputError
 from validation.output.files import prepare_folder, write_json
 
@@ -25,9 +25,9 @@ FILES = ("answer.json", "answer.npz", "fields.vtu", "contact_pressures.vtu")
 LARGE = (".npz", ".vtu")
 #: What reading a damaged answer raises.
 _DAMAGES = (OSError, ValueError, KeyError, TypeError, EOFError, RecursionError, BadZipFile)
-_HEAD = ("title", "method", "measures")
+_HEAD = ("title", "method", "measures", "rows", "fields")
 #: What a command adds to the data of an answer.
-_OF_COMMAND = ("json_version", "rows", "unused_keys", "defaults", "provenance")
+_OF_COMMAND = ("json_version", "unused_keys", "defaults", "provenance")
 _ARRAYS = ("points", "cells", "block_of_point", "layer_of_point")
 
 
@@ -149,15 +149,15 @@ def answer_of(data: Mapping[str, Any], arrays: Mapping[str, Any] | None = None) 
     report = {name: part for name, part in data.items() if name not in beside}
     measures = {name: measure_of(of) for name, of in data["measures"].items()}
     stored = dict.fromkeys(_ARRAYS, np.zeros(0)) if arrays is None else arrays
-    return Answer(
-        title=data["title"],
-        method=data["method"],
-        measures=known(measures),
-        fields=known(_named(stored, "field ")),
-        contacts=Contacts(known(_named(stored, "contact "))),
-        reported=partial(known, report),
-        arrays=known({name: stored[name] for name in _ARRAYS}),
-    )
+    kept = {
+        "title": data["title"],
+        "method": data["method"],
+        "measures": known(measures),
+        "fields": known(_named(stored, "field ")),
+        "contacts": Contacts(known(_named(stored, "contact "))),
+        "arrays": known({name: stored[name] for name in _ARRAYS}),
+    }
+    return restored(kept, report, [Row(**row) for row in data["rows"]])
 
 
 def _named(arrays: Mapping[str, Any], kind: str) -> dict[str, Any]:

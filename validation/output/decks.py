@@ -24,11 +24,10 @@ from geometry.answer import Answer
 from geometry.errors import RefusedError
 from geometry.machine.system import write_whole
 from geometry.mesh import FloatArray
-from geometry.parts.rows import Row
+from geometry.parts.rows import Notes, Part, Row, RowTable, grouped, time_row
 from validation.build.deck import build_deck
 from validation.case import Case
 from validation.errors import InputError, named
-from validation.output.console import RowTable
 from validation.output.files import prepare_file
 
 if TYPE_CHECKING:
@@ -79,21 +78,25 @@ def _write(deck: Deck, path: Path, start: float) -> WrittenDeck:
 def export_table(written: WrittenDeck, *, verbose: bool = False) -> RowTable:
     """The contents of a deck that was written, and how to run it."""
     deck = written.deck
+    data = problem_json(deck.problem, deck.element, meets=deck.meets)
+    step = "static" if deck.in_time is None else "explicit"
     rows = [
-        *_description(deck),
+        *_problem_rows(data),
+        Row("step", f"{step}, {deck.end_time:g} s, smooth step of {deck.ramp_time:g} s"),
+        *(Row("notes", note) for note in deck.notes),
         Row("file", f"{written.path}, {written.n_bytes / 1e6:.3g} MB"),
         Row("run it", run_command(deck, written.path)),
     ]
     counted = deck.increments
     if counted is not None:
-        hours = counted[0] * deck_json(deck)["n_elements"] * _ELEMENT_INCREMENT / 3600.0
+        hours = counted[0] * data["n_elements"] * _ELEMENT_INCREMENT / 3600.0
         words = f"{counted[0]:.2g} increments, {hours:.2g} core hours"
         rows.append(Row("expected", f"{words} at 1 µs an element and increment"))
     if verbose:
         keywords = (f"{word} ({count})" for word, count in written.keywords.items())
         rows.append(Row("keywords", ", ".join(keywords)))
-    rows.append(Row("CPU seconds", f"{written.cpu_seconds:.3f}"))
-    return RowTable(f"{deck.name}: deck for {deck.program}, flavour {deck.flavour}", [rows])
+    rows.append(time_row({"total": written.cpu_seconds}))
+    return RowTable(f"{deck.name}: deck for {deck.program}, flavour {deck.flavour}", rows)
 
 
 def run_command(deck: Deck, path: Path) -> str:
@@ -159,7 +162,7 @@ def solve_deck(
     """Solve a deck by a method, by default its own: static equilibrium or explicit dynamics."""
     from fem import solve_explicit, solve_static
 
-    problem, method = deck.problem(), method or deck.method
+    problem, method, before = deck.problem(), method or deck.method, len(deck.model.notes)
     if isinstance(method, Explicit):
         with named(deck.name):
             answer = solve_explicit(problem, method, progress=progress)
@@ -172,20 +175,25 @@ def solve_deck(
             deck.model.note(f"error bars: none of the mesh; {_change_by_increments(answer)}")
         if method.mesh == "scene":
             _check_mesh(deck, problem, answer)
-    strain = largest_strain(problem, answer)
+    parts, strain = dict[str, Part](), largest_strain(problem, answer)
     if strain > LARGEST_STRAIN:
         deck.model.note(
             f"strain: {strain:.2g} at the most, above {LARGEST_STRAIN:g}: strains are linear here, "
             "and the answer has left their range"
         )
     if deck.steps[-1].large_rotations and not problem.finite_rotation:
+        turn, words = answer.details.largest_turn, "largest rotation of a block"
+        parts["rotation"] = Notes([Row(words, f"{turn:.2g} rad", turn, "rad", "evidence")])
         turned = largest_rotation(answer)
         if turned > LARGEST_STRAIN:
             deck.model.note(
                 f"nlgeom: elements turn by {turned:.2g} rad at the most, above {LARGEST_STRAIN:g}: "
                 "this answer is linear in rotations, and has left their range"
             )
-    return answer
+    if len(deck.model.notes) > before:
+        found = (Row("remarks", note) for note in deck.model.notes[before:])
+        parts["remarks"] = Notes(grouped(evidence=found))
+    return answer.beside(parts)
 
 
 def _check_mesh(deck: InputDeck, problem: Problem, answer: Answer) -> None:
@@ -233,14 +241,6 @@ def _change_by_increments(answer: Answer) -> str:
     return f"half of {steps} increments a stage would change {', '.join(shares)}"
 
 
-def rotation_rows(deck: InputDeck, answer: Answer) -> list[Row]:
-    """The largest rotation of a block, where NLGEOM is answered by small rotations."""
-    if not deck.steps[-1].large_rotations or answer.details.finite_rotation:
-        return []
-    turn = answer.details.largest_turn
-    return [Row("largest rotation of a block", f"{turn:.2g} rad", turn, "rad")]
-
-
 def draw_deck(deck: InputDeck, path: Path) -> None:
     """Draw blocks, fixed blocks and loads of a deck, before any answer."""
     from validation.output.pictures.assemblies import draw_assembly
@@ -282,12 +282,14 @@ def rewrite(deck: InputDeck, path: Path) -> WrittenDeck:
     return _write(stated, path, start)
 
 
+# ---------------------------------------------------------------------------------------------
+# Words and data
+
+
 def input_json(deck: InputDeck) -> dict[str, Any]:
     """Return what a deck that was read says as plain data."""
     problem, step = deck.problem(), deck.steps[-1]
-    blocks, load = problem.blocks, problem.load_case
-    friction, wrenches = problem.coulomb, load.body_wrenches
-    wrenches = np.zeros((0, 6)) if wrenches is None else wrenches
+    element = problem.element.value if problem.degree == 1 else f"degree {problem.degree}"
     return {
         "deck": deck.name,
         "dialect": str(deck.dialect),
@@ -295,22 +297,7 @@ def input_json(deck: InputDeck) -> dict[str, Any]:
         "procedure": "explicit" if step.explicit else "static",
         "duration": step.duration,
         "large_rotations": step.large_rotations,
-        "blocks": blocks.n_blocks,
-        "names": list(blocks.names),
-        "n_nodes": sum(blocks.shape(b).mesh.n_nodes for b in range(blocks.n_blocks)),
-        "n_elements": sum(blocks.shape(b).mesh.n_elements for b in range(blocks.n_blocks)),
-        "volume": float(blocks.volumes.sum()),
-        "element": problem.element.value if problem.degree == 1 else f"degree {problem.degree}",
-        "materials": [_constants(material) for material in dict.fromkeys(problem.materials)],
-        "law": None if not problem.deformable.meets else str(problem.contact_law),
-        "friction": None if friction is None else friction.coefficient,
-        "clearance": problem.clearance,
-        "fixed_blocks": int(load.fixed.sum()),
-        "supports": sorted({held.title for held in load.held}),
-        "loads": [f"{type(face).__name__} on {len(face.blocks)} blocks" for face in load.faces],
-        "gravity": None if problem.gravity is None else [float(part) for part in problem.gravity],
-        "body_forces": int(wrenches.any(axis=1).sum()),
-        "nodal_forces": sum(len(nodes.block) for nodes in load.nodes),
+        **problem_json(problem, element, meets=problem.deformable.meets),
         "remarks": deck.model.notes,
         "without_influence": list(deck.without_influence),
     }
@@ -319,21 +306,58 @@ def input_json(deck: InputDeck) -> dict[str, Any]:
 def input_table(deck: InputDeck) -> RowTable:
     """Describe a deck that was read."""
     data = input_json(deck)
+    turns = "large rotations" if data["large_rotations"] else "small rotations"
+    rows = [
+        Row("dialect", f"{data['dialect']} ({data['detected']})"),
+        *_problem_rows(data),
+        Row("step", f"{data['procedure']}, {data['duration']:g} s, {turns}"),
+        *(Row("remarks", remark) for remark in data["remarks"]),
+        Row("no influence", ", ".join(data["without_influence"])),
+    ]
+    return RowTable(f"{deck.name}: input deck", [row for row in rows if row.words])
+
+
+def problem_json(problem: Problem, element: str, *, meets: bool) -> dict[str, Any]:
+    """Return blocks, materials, contact, supports and loads of a problem as plain data."""
+    blocks, load, friction = problem.blocks, problem.load_case, problem.coulomb
+    wrenches = np.zeros((0, 6)) if load.body_wrenches is None else load.body_wrenches
+    meshes = [blocks.shape(block).mesh for block in range(blocks.n_blocks)]
+    laws = problem.contact_law.members if meets else ()
+    return {
+        "blocks": blocks.n_blocks,
+        "names": list(blocks.names),
+        "n_nodes": sum(mesh.n_nodes for mesh in meshes),
+        "n_elements": sum(mesh.n_elements for mesh in meshes),
+        "volume": float(blocks.volumes.sum()),
+        "element": element,
+        "materials": [_constants(material) for material in dict.fromkeys(problem.materials)],
+        "law": "; ".join(law.words for law in laws) or None,
+        "friction": None if friction is None else friction.coefficient,
+        "clearance": problem.clearance,
+        "fixed_blocks": int(load.fixed.sum()),
+        "supports": sorted({held.title for held in load.held}),
+        "loads": [one.words for one in (*load.faces, *load.lines)],
+        "gravity": None if problem.gravity is None else [float(part) for part in problem.gravity],
+        "body_forces": int(wrenches.any(axis=1).sum()),
+        "nodal_forces": sum(len(nodes.block) for nodes in load.nodes),
+    }
+
+
+def _problem_rows(data: Mapping[str, Any]) -> list[Row]:
+    """Rows of `problem_json`."""
     mesh = (
         f"{data['blocks']}, {data['n_nodes']} nodes, {data['n_elements']} hexahedra "
         f"({data['element']}), {data['volume']:.6g} mm³"
     )
     friction = data["friction"]
-    rough = "frictionless" if friction is None else f"friction {friction:g}"
+    slides = "frictionless" if friction is None else f"friction {friction:g}"
     held = [f"{data['fixed_blocks']} fixed blocks"] * bool(data["fixed_blocks"])
-    forces = [f"{data['nodal_forces']} nodal forces"] * bool(data["nodal_forces"])
-    loads = [f"{count} × {load}" for load, count in Counter(data["loads"]).items()]
+    loads = [f"{n} × {one}" if n > 1 else one for one, n in Counter(data["loads"]).items()]
     loads += [f"forces per volume on {data['body_forces']} blocks"] * bool(data["body_forces"])
     if data["gravity"] is not None:
         loads.append(f"gravity {', '.join(f'{part:g}' for part in data['gravity'])} mm/s²")
-    turns = "large rotations" if data["large_rotations"] else "small rotations"
+    loads += [f"{data['nodal_forces']} nodal forces"] * bool(data["nodal_forces"])
     rows = [
-        Row("dialect", f"{data['dialect']} ({data['detected']})"),
         Row("blocks", mesh),
         *(
             Row(
@@ -343,84 +367,15 @@ def input_table(deck: InputDeck) -> RowTable:
             )
             for one in data["materials"]
         ),
-        Row("contact", "none" if data["law"] is None else f"{data['law']}, {rough}"),
+        Row("contact", f"{data['law']}; {slides}" if data["law"] else "none"),
         Row("clearance", f"{data['clearance']:g} mm" if data["clearance"] else ""),
         Row("supports", ", ".join([*held, *data["supports"]]) or "none"),
-        Row("loads", ", ".join([*loads, *forces]) or "none"),
-        Row("step", f"{data['procedure']}, {data['duration']:g} s, {turns}"),
-        Row("remarks", "\n".join(data["remarks"])),
-        Row("no influence", ", ".join(data["without_influence"])),
+        Row("loads", ", ".join(loads) or "none"),
     ]
-    return RowTable(f"{deck.name}: input deck", [[row for row in rows if row.words]])
-
-
-# ---------------------------------------------------------------------------------------------
-# Words and data
-
-
-def deck_json(deck: Deck) -> dict[str, Any]:
-    """Return what a deck says as plain data."""
-    problem, assembly, names = deck.problem, deck.assembly, deck.material_names
-    shapes = Counter(assembly.shape(b).name for b in range(assembly.n_blocks))
-    return {
-        "scene": deck.name,
-        "flavour": str(deck.flavour),
-        "procedure": "static" if deck.in_time is None else "explicit",
-        "blocks": dict(shapes),
-        "n_nodes": deck.first_node[-1],
-        "n_elements": deck.first_element[-1],
-        "volume": float(assembly.volumes.sum()),
-        "element": deck.element,
-        "material": _constants(next(iter(names)))
-        if len(names) == 1
-        else {name: _constants(material) for material, name in names.items()},
-        "contact": type(problem.contact_law.members[0]).__name__ if deck.meets else None,
-        "held_blocks": len({held.block for held in problem.load_case.held})
-        + int(problem.load_case.fixed.sum()),
-        "loads": [
-            {"kind": type(load).__name__, "blocks": len(load.blocks)}
-            for load in problem.load_case.faces
-        ],
-        "end_time": deck.end_time,
-        "ramp_time": deck.ramp_time,
-        "clearance": problem.clearance,
-        "spacing": problem.spacing,
-        "notes": list(deck.notes),
-    }
+    return [row for row in rows if row.words]
 
 
 def _constants(material: Material) -> dict[str, float]:
     """Constants that a deck has of a material."""
-    return {
-        "density": material.density,
-        "young_modulus": material.young_modulus,
-        "poisson_ratio": material.poisson_ratio,
-    }
-
-
-def _description(deck: Deck) -> list[Row]:
-    data, names = deck_json(deck), deck.material_names
-    mesh = (
-        f"{data['n_nodes']} nodes, {data['n_elements']} elements ({data['element']}), "
-        f"{data['volume']:.6g} mm³"
-    )
-    loads = [f"{load['kind']} on {load['blocks']} blocks" for load in data["loads"]]
-    ramp = f"{data['procedure']}, {deck.end_time:g} s, smooth step of {deck.ramp_time:g} s"
-    rows = [
-        Row("blocks", ", ".join(f"{n} {name}" for name, n in data["blocks"].items())),
-        Row("mesh", mesh),
-        *(
-            Row(
-                "material" if len(names) == 1 else name.lower(),
-                f"{material.density:g} t/mm³, {material.young_modulus:g} MPa, "
-                f"ν = {material.poisson_ratio:g}",
-            )
-            for material, name in names.items()
-        ),
-        Row("contact", data["contact"] or "none"),
-        Row("loads", ", ".join(loads) or "none"),
-        Row("supports", f"{data['held_blocks']} fixed blocks"),
-        Row("step", ramp),
-        Row("notes", "\n".join(deck.notes)),
-    ]
-    return [row for row in rows if row.words]
+    names = ("density", "young_modulus", "poisson_ratio")
+    return {name: getattr(material, name) for name in names}

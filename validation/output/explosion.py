@@ -15,6 +15,7 @@ import numpy as np
 from geometry.assembly import Assembly
 from geometry.mesh import FloatArray
 from geometry.parts.placed import AssemblyError
+from geometry.parts.rows import Row
 from geometry.polyhedra.assembly import PolyhedralAssembly, as_polyhedral
 from geometry.polyhedra.overlap import Overlap, find_overlaps
 from mbd import MechanismClass, contact_jacobian
@@ -183,6 +184,33 @@ class Explosion:
     def explodes(self) -> bool:
         """Whether nothing stops the outward motion, to the last step looked at."""
         return self.first.admissible and self.finite.first_overlap is None
+
+    @property
+    def rows(self) -> list[Row]:
+        """Its verdict and its numbers."""
+        first, finite = self.first, self.finite
+        last = finite.distances[-1]
+        motion = f"free up to {last:g} mm (one wall thickness), the largest distance computed"
+        if finite.first_overlap is not None:
+            motion = (
+                f"free up to {finite.free_distance:.3g} mm, then blocks overlap by more than "
+                f"{finite.tolerance:g} mm; {finite.depths[-1]:.3g} mm at {last:g} mm"
+            )
+        rate = (
+            f"{'' if first.admissible else 'not '}admissible: smallest gap rate "
+            f"{first.smallest_gap_rate:.4g} mm per mm outward; {first.closing_area_percent:.1f} % "
+            f"of the contact area closes, {first.opening_area_percent:.1f} % opens"
+        )
+        held = "drives a mechanism (twist and elongation of the tube included)"
+        held = "carried by the contacts alone" if first.held_together else held
+        verdict = f"{'disassembles' if self.explodes else 'does not disassemble'} radially"
+        return [
+            Row("disassembly, end rings released", verdict, group="verdict"),
+            Row("disassembly, first order", rate, first.smallest_gap_rate),
+            Row("disassembly, finite motion", motion, finite.free_distance, "mm"),
+            Row("outward push, end rings fixed", str(self.held)),
+            Row("outward push, no supports", held),
+        ]
 
     def as_json(self) -> dict[str, Any]:
         """Return plain data."""

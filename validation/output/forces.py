@@ -2,17 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from geometry.files.mesh_io import write_cells
 from geometry.mesh import FloatArray
-from geometry.parts.balance import reaction_rows
 from geometry.parts.measures import JointResultants, SectionForces
-from geometry.parts.rows import Row
 from validation.output.files import write_csv
 from validation.output.outputs import Outputs
 
@@ -119,14 +115,3 @@ def _write(found: SectionForces, path: Path) -> None:
         parts = components(key, values, unit, axes)
         columns |= {name: part.tolist() for name, part in parts.items()}
     write_csv(path, columns, zip(*columns.values(), strict=True))
-
-
-def support_rows(report: Mapping[str, Any]) -> list[Row]:
-    """Force, point and horizontal part of each support, and what balances of blocks leave."""
-    rows = reaction_rows(report.get("reactions", {}))
-    if "imbalance" in report:
-        left = report["imbalance"]
-        words = f"force {left['force']:.1e}, moment {left['moment']:.1e} of the largest joint force"
-        largest = max(left["force"], left["moment"])
-        rows.append(Row("largest imbalance of a block", words, largest))
-    return rows

@@ -26,8 +26,8 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     from geometry.answer import Answer
+    from geometry.parts.rows import RowTable
     from validation.case import Case
-    from validation.output.console import RowTable
 
 
 @dataclass
@@ -58,7 +58,6 @@ class Outputs:
     """Whether CPU time and memory are printed at the end; not where the text is a file by itself.
     """
     _of_this_call: set[str] = field(default_factory=set, repr=False)
-    _rows: list[dict[str, Any]] = field(default_factory=list, repr=False)
     _unused: tuple[str, ...] | None = field(default=None, repr=False)
     _defaults: dict[str, str] = field(default_factory=dict, repr=False)
     _open: ExitStack = field(default_factory=ExitStack, repr=False)
@@ -179,9 +178,8 @@ class Outputs:
         self.console.print(f"{words:9} {path}")
 
     def show(self, table: RowTable) -> None:
-        """Print a table; its rows are those of the data, too."""
-        self._rows += table.as_json()
-        self.console.print(table)
+        """Print a table."""
+        self.console.print(str(table), soft_wrap=True)
 
     def write(self, words: str, name: str, write: Callable[[Path], object]) -> None:
         """Let ``write`` make a file of the folder and say so; nothing without a folder.
@@ -202,7 +200,7 @@ class Outputs:
         They are the last of a call: what an earlier one left there under a name that this one may
         write, and did not, is of another answer and goes.
         """
-        data = answer.as_dict() | {"rows": self._rows}
+        data = answer.as_dict()
         if self.folder is not None:
             for words, name, write in answer_files(answer, lambda: self._stamped(data)):
                 self.write(words, name, write)

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from validation.case import Case
 
 #: Version of what ``--json`` writes. It rises when a key goes or changes its meaning.
-JSON_VERSION = 4
+JSON_VERSION = 5
 #: Libraries whose versions can move the last digits of an answer.
 _LIBRARIES = ("numpy", "scipy", "numba")
 #: Sources that answers depend on; pictures, tables and commands may change.

@@ -14,7 +14,7 @@ from geometry.files.readers import OWN_UNITS, left_out
 from geometry.files.write_solids import SOLID_SUFFIXES, write_solids
 from geometry.mesh import FloatArray, MeshError
 from geometry.parts.block_selection import numbers_of
-from geometry.parts.rows import Row
+from geometry.parts.rows import Row, RowTable
 from geometry.polyhedra.assembly import PolyhedralAssembly
 from geometry.polyhedra.near_joints import distance_between
 from geometry.polyhedra.options import DetectionOptions
@@ -23,7 +23,6 @@ from geometry.polyhedra.polyhedron import Polyhedron
 from validation.build.polyhedra import PlacedSolids, placed_solids
 from validation.build.readings import facing_words, parts_left_out
 from validation.errors import InputError
-from validation.output.console import RowTable
 from validation.output.files import prepare_file
 from validation.scene.families.mesh import MeshScene
 
@@ -148,7 +147,7 @@ class BlockCheck:
             rows.append(Row("left out", ", ".join(self.left_out)))
         held, of = int(self.placed.fixed.sum()), "scene" if self.path.suffix == ".toml" else "file"
         rows.append(Row("supports", f"{held} by the {of}" if held else f"the {of} names none"))
-        return RowTable(f"{self.path}: {len(self.blocks)} blocks", [rows])
+        return RowTable(f"{self.path}: {len(self.blocks)} blocks", rows)
 
     def _joint_rows(self, assembly: PolyhedralAssembly) -> list[Row]:
         """Where blocks touch, overlap, and nearly touch."""

@@ -12,14 +12,13 @@ from typing import Any
 from geometry.answer import Answer
 from geometry.errors import RefusedError
 from geometry.machine.system import write_whole
+from geometry.parts.rows import RowTable
 from validation.case import Case
 from validation.errors import InputError
-from validation.output.console import RowTable
-from validation.output.deformable.answers import run_pictures, run_table
-from validation.output.pictures.assemblies import rigid_title
+from validation.output.deformable.answers import run_pictures
 from validation.output.pictures.view_3d import View3d, viewer_page
 from validation.output.provenance import Provenance
-from validation.output.rigid import is_meshed, rigid_pictures, rigid_table
+from validation.output.rigid import is_meshed, rigid_pictures
 from validation.pages.page import page_text, webp_of
 from validation.pages.verdicts import Verdict, verdicts
 from validation.pages.views import layer_words, middle_layers, pressure_view, stress_view
@@ -95,8 +94,7 @@ class SceneReport:
     @cached_property
     def tables(self) -> list[RowTable]:
         """All that `tubelock mbd` and `tubelock fem` print."""
-        tables = [] if self.rigid is None else [rigid_table(self.rigid)]
-        return tables if self.deformable is None else [*tables, run_table(self.deformable)]
+        return [a.table for a in (self.rigid, self.deformable) if a is not None]
 
     def as_dict(self) -> dict[str, Any]:
         """Answers as plain data."""
@@ -106,7 +104,6 @@ class SceneReport:
             "rigid": None if self.rigid is None else self.rigid.as_dict(),
             "deformable": None if self.deformable is None else self.deformable.as_dict(),
             "failed": dict(self.failed),
-            "rows": [row for table in self.tables for row in table.as_json()],
             "loads": {
                 table.kind: {name: answer.as_dict() for name, answer in table.answers.items()}
                 for table in self.loads
@@ -249,7 +246,7 @@ def _views(report: SceneReport) -> list[View3d]:
     if rigid is not None:
         layers = middle_layers(rigid.case.scene, rigid.details.blocks)
         words = "contact pressures" if rigid.details.holds else "blocks"
-        title = f"{rigid_title(rigid)}; {words}{layer_words(layers)}"
+        title = f"{rigid.title}; {words}{layer_words(layers)}"
         views.append(pressure_view(rigid, title, "rigid", layers))
     if run is not None:
         layers = middle_layers(run.case.scene, run.details.deformable.assembly)

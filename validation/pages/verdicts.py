@@ -16,14 +16,17 @@ from geometry.answer import (
 )
 from geometry.parts.balance import reaction_rows
 from mbd import MechanismClass
-from validation.output.console import dimension_rows, part_rows
-from validation.output.rigid import OF_RIGID_BLOCKS, verdict_words
+from mbd.rows import OF_RIGID_BLOCKS
 from validation.scene.polyhedra import PolyhedralScene
 from validation.scene.read import DeformableScene
 
 #: Whether an answer is good news, bad news, neither, or good on a condition, as pages colour it.
 GOOD, BAD, OPEN, CAUTION = "true", "false", "open", "caution"
-_GOOD = (MechanismClass.LOCKED, MechanismClass.SUPPRESSED)
+#: Answers to whether blocks are locked; other classes have a motion.
+_LOCKED = {
+    MechanismClass.LOCKED: "yes: no motion exists",
+    MechanismClass.UNDECIDED: "not decided",
+}
 #: Measures of the summary, of deformable and of rigid blocks.
 _SHOWN = ("p_max_point", "sigma_1_averaged", "max_displacement")
 _SHOWN_RIGID = ("p_max_facet", "largest_joint_force")
@@ -75,11 +78,11 @@ def verdicts(
 def _locked(rigid: Answer) -> Verdict:
     """Say whether a mechanism exists."""
     found = rigid.details.classification
-    words = verdict_words(rigid)
-    lines = []
+    words, lines = _LOCKED.get(found.mechanism, "no: a motion exists"), list[str]()
     supported = rigid.details.supported_classification
     if supported is not found:
-        lines.append(f"With the supports of this load: {supported.mechanism.words}.")
+        words = _LOCKED.get(supported.mechanism, "no: a motion exists")
+        lines.append(f"With the supports of this load: {words}.")
     tone = GOOD if found.mechanism is MechanismClass.LOCKED else OPEN
     return Verdict("Is it locked?", words, tone, tuple(lines))
 
@@ -96,8 +99,9 @@ def _carried(rigid: Answer) -> Verdict:
     if result.holds and isinstance(rigid.case.scene, PolyhedralScene):
         reactions = reaction_rows(rigid.report.get("reactions", {}))
         lines += [f"Reaction of {row.words}." for row in reactions]
-    for row in part_rows(rigid, "motion", "collapse", "sliding"):
-        lines.append(f"{row.title.capitalize()}: {row.words}.")
+    for name in ("motion", "collapse", "sliding"):
+        rows = rigid.parts[name].rows if name in rigid.parts else []
+        lines += [f"{row.title.capitalize()}: {row.words}." for row in rows]
     words, tone = ("yes", GOOD) if result.holds else ("no", BAD)
     verdict = result.verdict
     if verdict.holds is None:
@@ -210,6 +214,5 @@ def castable(scene: DeformableScene, answer: Answer) -> Verdict:
 
 def dimension_lines(scene: DeformableScene, answer: Answer) -> list[str]:
     """Volume, mass, contact area, least wall and steepest joint, as tables print them."""
-    rows = dimension_rows(answer.report["dimensions"], scene.limits)
-    lines = [f"{row.title}: {row.words}" for row in rows]
+    lines = [f"{row.title}: {row.words}" for row in answer.parts["dimensions"].rows]
     return lines if scene.caution is None else [*lines, scene.caution]

@@ -10,11 +10,12 @@ from typing import Any
 from rich.console import Console
 
 from geometry.answer import Answer, Measure, least_factor, title_of
+from geometry.parts.rows import RowTable
 from mbd.options import Rigid
 from validation.case import Case
 from validation.errors import InputError
 from validation.output.answer_files import answer_of
-from validation.output.console import RowTable, dimension_rows, listing
+from validation.output.console import listing
 from validation.output.files import write_csv
 from validation.scene.combinations import combined
 from validation.study.cases import CaseStudy
@@ -92,8 +93,7 @@ def print_combinations(file: Case, answers: Mapping[str, Answer], console: Conso
         table.add_row(*row)
     console.print(table)
     first = next(iter(answers.values()))
-    built = dimension_rows(first.report["dimensions"], file.scene.limits)
-    console.print(RowTable("what is built", [built]))
+    console.print(RowTable("what is built", first.rows["model"]))
 
 
 def combination_rows(answers: Mapping[str, Answer]) -> Iterator[list[str]]:

@@ -12,8 +12,9 @@ from typing import Any
 from rich.console import Console
 
 from geometry.answer import Measure
+from geometry.parts import rows as tables
 from validation.errors import InputError
-from validation.output.console import RowTable, duration_words, tabled
+from validation.output.console import duration_words, tabled
 from validation.output.outputs import Outputs
 from validation.output.progress import LONG, following
 from validation.study.design import MEASURES, Row
@@ -219,7 +220,8 @@ def print_summary(results: StudyRows, did: dict[str, Any], console: Console) -> 
         "CPU seconds": seconds,
         "wall seconds": f"{run['wall_seconds']:.1f}",
     }
-    console.print(RowTable.of_words(f"{study.name}: how it was computed", rows))
+    shown = [tables.Row(*row) for row in rows.items() if row[1]]
+    console.print(tables.RowTable(f"{study.name}: how it was computed", shown))
     if did["unused_keys"]:
         words = ", ".join(did["unused_keys"])
         console.print(f"{'ignored':9} {words} (not used by this method)")

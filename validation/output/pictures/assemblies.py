@@ -93,14 +93,9 @@ def draw_assembly(
 # Contact pressures
 
 
-def rigid_title(run: Answer) -> str:
-    """Scene, load and class of a rigid result."""
-    return f"{run.case.name}, rigid blocks: {run.case.scene.load_words}; {run.details.words}"
-
-
 def pressure_title(run: Answer) -> str:
-    """The same, the largest pressure and how many facets press."""
-    text = rigid_title(run)
+    """Title of a rigid answer, the largest pressure and how many facets press."""
+    text = run.title
     peak = run.measures.get("p_max_facet")
     if peak is not None:
         force = np.maximum(run.details.normal_forces, 0.0)
@@ -348,11 +343,11 @@ def draw_mechanism(run: Answer, path: Path) -> None:
         outlines(assembly, blocks, nodes=nodes),
     ]
     view = View(parts, eye(assembly), weight=run.case.scene.weight)
-    words = "a mechanism exists, the load does not activate it"
+    words = "a motion that the load does not drive"
     if run.details.driven is not None:
-        words = "a mechanism exists, the load activates it"
+        words = "the motion that the load drives"
     elif run.details.moving is not None:
         words = "how blocks move that do not come to rest (not proved)"
     panel = Panel(f"first-order motion, largest displacement drawn {length:.3g} mm", view)
-    title = f"{rigid_title(run)}; {words}"
+    title = f"{run.title}; {words}"
     gallery([[panel]], title, path, height=7.0, scale=scale)

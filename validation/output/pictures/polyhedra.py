@@ -120,9 +120,6 @@ def draw_polyhedra(run: Answer, path: Path) -> None:
                 [], [], color=VERMILION, marker="o", linestyle="", label="edge or corner contact"
             )
         )
-    verdict = "interlocked" if result.classification.locked else "not interlocked"
-    requested = result.friction is not None
-    answer = result.words if requested else f"{verdict} ({result.mechanism}){result.edges}"
     weight = run.case.scene.weight
     blocks = Panel("blocks", View(polyhedra_parts(assembly), eye(assembly), weight=weight))
     counts = (result.n_blocks, "free block"), (interfaces.n_contacts, "contact point")
@@ -131,8 +128,7 @@ def draw_polyhedra(run: Answer, path: Path) -> None:
             [with_labels(blocks, assembly, every)],
             [Panel("contact interfaces", View(contacts, eye(assembly), weight=weight))],
         ],
-        f"{run.case.name}, rigid blocks: {run.case.scene.load_words}; {answer}\n"
-        f"{', '.join(_count(*count) for count in counts)}",
+        f"{run.title}\n{', '.join(_count(*count) for count in counts)}",
         path,
         height=6.0,
         scale=scale if pressed else None,

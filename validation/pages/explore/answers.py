@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from geometry.answer import Answer, measure_rows
+from geometry.answer import Answer
 from geometry.errors import RefusedError
 from validation.case import Case, scene_case
 from validation.errors import InputError
@@ -64,7 +64,7 @@ def rigid_shown(file: Case) -> tuple[Answer, Shown]:
         views.append((view, scale, f"Rigid blocks{layer_words(some)}: {words}."))
     facts = {
         "verdicts": found,
-        "measures": [row[:2] for row in measure_rows(run.measures)],
+        "rows": run.table.as_json(),
         "ignored": ignored,
         "note": _FRAMES if file.scene.frames_may_lock else "",
         "mesh": _mesh_words(run),
@@ -179,7 +179,7 @@ def _deformable_shown(file: Case, tell: Any) -> Shown:
     )
     facts = {
         "verdicts": [vars(v) for v in verdicts(file.scene, None, answer, {})],
-        "measures": [row[:2] for row in measure_rows(answer.measures)],
+        "rows": answer.table.as_json(),
         "ignored": [],
         "mesh": answer.title,
         "milliseconds": 1e3 * (time.process_time() - start),

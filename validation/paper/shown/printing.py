@@ -8,7 +8,7 @@ from typing import Any
 from rich.console import Console
 from rich.table import Table
 
-from validation.output.console import RowTable, listing, tabled
+from validation.output.console import listing, tabled
 from validation.paper.reference import reference
 from validation.paper.tables import HEADS, count_words, lines_by_block, number
 from validation.paper.verdict import Truth
@@ -46,8 +46,11 @@ def print_claims(claims: list[dict[str, Any]], console: Console) -> None:
 def print_errata(errata: list[dict[str, Any]], console: Console) -> None:
     """Print each erratum with what shows it."""
     for row in errata:
-        words = {key: row[key] for key in ("printed", "meant", "shown", "command")}
-        console.print(RowTable.of_words(row["name"], words))
+        table = listing(row["name"], "", "", show_header=False)
+        for key in ("printed", "meant", "shown", "command"):
+            if row[key]:
+                table.add_row(key, row[key])
+        console.print(table)
     without = [row for row in errata if "without" in row["values"]]
     if without:
         console.print(_sensitivity_table(without))
