@@ -150,7 +150,9 @@ _RIGID: dict[str, Callable[[], Subject]] = {
     **{
         f"view-{name}": partial(_scene, name)
         for name in builtin_names()
-        if (scene := load_case(name).scene).block.type != "box" and scene.for_rigid_blocks
+        if (scene := load_case(name).scene).block.type != "box"
+        and not scene.moves
+        and not any(support.spring for support in scene.supports)
     },
     # layers-200: six CPU seconds for what two layers show.
     **{f"view-{k}": partial(_tube, b) for k, (_, b) in TUBES.items() if k != "layers-200"},

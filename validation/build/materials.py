@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fem.contact.law import ContactLaw
-from fem.element.material import Material, one_strength
+from fem.element.material import Material, each_material
 from geometry.mesh import BoolArray, FloatArray
 from geometry.parts.block_selection import numbers_of
 from geometry.parts.pairs import OfPairs, PairError
@@ -37,25 +37,10 @@ def build_materials(scene: DeformableScene, assembly: AnyBlocks) -> Material | t
     return tuple(built[id(section)] for section in sections)
 
 
-def densities(scene: DeformableScene, assembly: AnyBlocks) -> float | FloatArray:
-    """Density of all blocks, or of each one, (n_blocks,) [t/mm³]."""
-    sections = _sections(scene, assembly)
-    if sections is None:
-        return scene.material.density
-    return np.array([section.density for section in sections])
-
-
 def material_names(scene: DeformableScene, assembly: AnyBlocks) -> list[str]:
     """Name of the material of each block, empty of the default without a name, (n_blocks,)."""
     chosen, default = dict(_choices(scene, assembly)), scene.material.name or ""
     return [chosen.get(k, default) for k in range(assembly.n_blocks)]
-
-
-def compressive_strength(scene: DeformableScene) -> float | None:
-    """Compressive strength of all blocks [MPa]; None where none is stated."""
-    key = "compressive_strength"
-    sections = (scene.material, *scene.materials.values())
-    return one_strength(key, (vars(section)[key] for section in sections))
 
 
 def _sections(scene: DeformableScene, assembly: AnyBlocks) -> list[MaterialSection] | None:
@@ -188,20 +173,8 @@ def body_forces(
     """
     wrenches = np.zeros((assembly.n_blocks, 6))
     if acceleration is not None:
-        wrenches[:, :3] = np.outer(densities(scene, assembly) * assembly.volumes, acceleration)
+        each = each_material(build_materials(scene, assembly), assembly.n_blocks)
+        density = np.array([material.density for material in each])
+        wrenches[:, :3] = np.outer(density * assembly.volumes, acceleration)
         wrenches[assembly.fixed] = 0.0
     return wrenches
-
-
-def build_weight(scene: DeformableScene, assembly: AnyBlocks) -> FloatArray | None:
-    """Weight of rigid blocks under ``effects.gravity``, about their mass centroids.
-
-    Deformable blocks carry theirs node by node (`fem.system.build`).
-
-    Returns
-    -------
-    FloatArray | None
-        (n_blocks, 6) [N, N mm]; None where the scene names no gravity.
-    """
-    gravity = scene.effects.gravity
-    return None if gravity is None else body_forces(scene, assembly, gravity)

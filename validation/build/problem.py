@@ -8,7 +8,6 @@ import numpy as np
 
 from fem.contact.friction import CoulombFriction
 from fem.contact.law import ContactLaw
-from fem.contact.normals import ContactNormals
 from fem.contact.pair_laws import PairLaws
 from fem.method import Static
 from fem.problem import Problem
@@ -19,7 +18,7 @@ from geometry.machine.work import LimitError, budget
 from geometry.parts.block_selection import chosen_blocks
 from geometry.parts.measures import Planes, planes
 from geometry.parts.placed import AnyBlocks
-from validation.build.cell import build_cell
+from validation.build.cell import build_cell, check_cell
 from validation.build.materials import build_materials, friction_of_pairs, laws_of_pairs
 from validation.build.supports import held_at_faces, stands_on_a_face, stated_load
 from validation.errors import InputError, named
@@ -87,71 +86,64 @@ def build_law(scene: DeformableScene, assembly: AnyBlocks, *, sliding: bool) -> 
 
 def _build_hexahedra(scene: DeformableScene, name: str) -> LoadCase:
     """Build the load of a scene on its blocks, every one with hexahedra."""
-    if scene.is_cell:
-        return scene_load(scene, build_cell(scene, name))
     if isinstance(scene, PolyhedralScene):
+        if scene.is_cell:
+            check_cell(scene, name)
         from validation.build.polyhedra import build_own_blocks
 
         return build_own_blocks(scene, name)
-    return build_blocks(scene)
+    return scene_load(scene, build_cell(scene, name)) if scene.is_cell else build_blocks(scene)
 
 
-def scene_load(scene: DeformableScene, assembly: Assembly) -> LoadCase:
+def scene_load(scene: AssemblyScene, assembly: Assembly) -> LoadCase:
     """Build the load of a scene on blocks already built."""
-    if isinstance(scene, PolyhedralScene):
-        from validation.build.polyhedra import own_load
-
-        return own_load(scene, assembly)
     return stated_load(scene, assembly, scene.build_load(assembly))
 
 
-def element_degree(scene: DeformableScene, assembly: Assembly) -> int:
-    """Degree of the elements of a scene on one mesh: of tetrahedra split into hexahedra 2.
+def _element(scene: DeformableScene, assembly: Assembly) -> dict[str, Any]:
+    """Element of a scene on one mesh: of tetrahedra split into hexahedra degree 2.
 
     The scene may state another, or a kind of elements of degree 1; explicit runs have degree 1, and
     so has general contact of so many facets that degree 2 is beyond the usual work.
     """
-    stated = scene.fem.model_fields_set & {"degree", "element"}
-    if stated or scene.fem.method is not Method.STATIC:
-        return scene.fem.degree
+    fem = scene.fem
+    stated = not fem.model_fields_set.isdisjoint(("degree", "element"))
+    tetrahedra = any(shape.tetrahedra is not None for shape in assembly.shapes)
+    if stated or not tetrahedra or fem.method is not Method.STATIC:
+        return {"degree": fem.degree} if fem.degree > 1 else {"element": fem.element}
     from fem.accuracy.converge import usual_degree
 
-    return usual_degree(assembly, friction=scene.effects.friction is not None)
+    return {"degree": usual_degree(assembly, friction=scene.effects.friction is not None)}
 
 
-def _build_problem(scene: DeformableScene, load: LoadCase) -> Problem:
+def _stated(scene: DeformableScene, load: LoadCase, *, rigid: bool) -> Problem:
     """State the problem of a scene on blocks, whatever is to solve it: a method or a deck.
 
     Where facets do not match, or the scene states it, contact searches facets that face each other.
     """
-    fem, contact, assembly = scene.fem, scene.contact, load.assembly
-    assert isinstance(assembly, Assembly)
-    degree = element_degree(scene, assembly)
-    element = {"element": fem.element} if degree == 1 else {"degree": degree}
-    anywhere = bool(assembly.unmatched) or scene.effects.finite_sliding
-    joints: dict[str, Any] = {}
-    if scene.meets:
-        joints = {
-            "law": build_law(scene, assembly, sliding=anywhere),
-            "clearance": contact.clearance,
-            "spacing": contact.spacing,
-        }
+    blocks, effects, more = load.assembly, scene.effects, dict[str, Any]()
+    anywhere, outer = False, stands_on_a_face(scene)
+    if not rigid:
+        assert isinstance(blocks, Assembly)
+        anywhere, outer = bool(blocks.unmatched) or effects.finite_sliding, held_at_faces(scene)
+        more = {**_element(scene, blocks), "motion": scene.motion}
+        if scene.meets:
+            more["law"] = build_law(scene, blocks, sliding=anywhere)
     return Problem(
-        assembly,
+        blocks,
         load,
-        build_materials(scene, assembly),
-        **element,
-        **joints,
-        normals=ContactNormals.CURRENT,
-        frames=Frames.DEFORMABLE if held_at_faces(scene) else Frames.RIGID,
-        friction=build_friction(scene, assembly, sliding=anywhere),
-        finite_sliding=scene.effects.finite_sliding,
-        finite_rotation=scene.effects.finite_rotation,
-        gravity=scene.effects.gravity,
-        motion=scene.motion,
+        build_materials(scene, blocks),
+        clearance=scene.contact.clearance,
+        spacing=scene.contact.spacing,
+        frames=Frames.DEFORMABLE if outer else Frames.RIGID,
+        friction=build_friction(scene, blocks, sliding=anywhere),
+        finite_sliding=effects.finite_sliding,
+        finite_rotation=effects.finite_rotation,
+        gravity=effects.gravity,
         # The scene was asked at the door, and solids when they were placed.
         check_units=False,
-        check_blocks=not isinstance(scene, PolyhedralScene),
+        check_blocks=not rigid and not isinstance(scene, PolyhedralScene),
+        **more,
     )
 
 
@@ -167,26 +159,14 @@ def rigid_problem(scene: DeformableScene, name: str, known: Assembly | None = No
             solids = build_polyhedra(scene)
             live = build_live_load(scene, solids)
             load = LoadCase(solids, "variable load", (), solids.fixed, body_wrenches=live)
-            load = stated_load(scene, solids, load)
-        elif known is None:
-            load = build_blocks(require_assembly(scene, name, "mbd"))
-        else:
-            load = stated_load(scene, known, scene.build_load(known))
-        blocks = load.assembly
-        return Problem(
-            blocks,
-            load,
-            build_materials(scene, blocks),
-            clearance=scene.contact.clearance,
-            spacing=scene.contact.spacing,
-            frames=Frames.DEFORMABLE if stands_on_a_face(scene) else Frames.RIGID,
-            friction=build_friction(scene, blocks, sliding=False),
-            finite_sliding=scene.effects.finite_sliding,
-            finite_rotation=scene.effects.finite_rotation,
-            gravity=scene.effects.gravity,
-            check_units=False,
-            check_blocks=False,
-        )
+            return _stated(scene, stated_load(scene, solids, load), rigid=True)
+        if not scene.meets:
+            raise InputError(
+                f"{name}: block.type {scene.block.type!r} is one deformable body without contacts; "
+                "`tubelock mbd` needs an assembly, such as tsb1-pipe"
+            )
+        load = build_blocks(scene) if known is None else scene_load(scene, known)
+        return _stated(scene, load, rigid=True)
 
 
 def scene_problem(scene: DeformableScene, name: str) -> Problem:
@@ -194,7 +174,7 @@ def scene_problem(scene: DeformableScene, name: str) -> Problem:
     _refuse(scene, name)  # before blocks are built that no memory holds
     load = _build_hexahedra(scene, name)
     with named(name):
-        problem = _build_problem(scene, load)
+        problem = _stated(scene, load, rigid=False)
         cut = scene_planes(scene, problem.blocks)
         if cut is not None:
             from fem.stresses.sections import check_planes
@@ -203,32 +183,11 @@ def scene_problem(scene: DeformableScene, name: str) -> Problem:
         return problem
 
 
-def require_assembly(scene: DeformableScene, name: str, command: str) -> AssemblyScene:
-    """Return the scene if its blocks meet each other."""
-    if isinstance(scene, AssemblyScene) and scene.meets:
-        return scene
-    if isinstance(scene, PolyhedralScene):
-        raise InputError(
-            f"{name}: blocks of type {scene.block.type!r} have no mesh of a family; `tubelock "
-            f"{command}` expects one, such as tsb1-pipe: use `tubelock mbd` or `tubelock fem`"
-        )
-    raise InputError(
-        f"{name}: block.type {scene.block.type!r} is one deformable body without contacts; "
-        f"`tubelock {command}` needs an assembly, such as tsb1-pipe"
-    )
-
-
-def build_assembly(scene: AssemblyScene) -> Assembly:
-    """Build the blocks of a scene."""
-    assembly = scene.build()
-    check_block_size(scene, assembly)
-    return assembly
-
-
 def build_blocks(scene: AssemblyScene) -> LoadCase:
     """Build the load of a scene on its blocks."""
-    assembly = build_assembly(scene)
-    return stated_load(scene, assembly, scene.build_load(assembly))
+    assembly = scene.build()
+    check_block_size(scene, assembly)
+    return scene_load(scene, assembly)
 
 
 def scene_planes(scene: WholeScene, assembly: AnyBlocks) -> Planes | None:

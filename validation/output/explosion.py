@@ -21,7 +21,6 @@ from geometry.polyhedra.overlap import Overlap, find_overlaps
 from mbd import MechanismClass, contact_jacobian
 from mbd.equilibrium import Equilibrium, newton_equilibrium
 from mbd.mechanism import classify
-from validation.build.problem import build_assembly, require_assembly
 from validation.case import Case
 from validation.errors import InputError
 from validation.scene.family import RoundScene, round_types
@@ -238,36 +237,36 @@ class Explosion:
         }
 
 
-def _surface_scene(scene: RoundScene) -> RoundScene:
-    """Return three layers with a mesh fine enough for surfaces, coarse enough for many distances.
+def _surfaces(scene: RoundScene) -> dict[str, Any]:
+    """Keys of three layers with a mesh fine enough for surfaces, coarse enough for many distances.
 
     Layers repeat with period two, so more of them show no other pair of neighbours.
     """
     layers = min(scene.assembly.layers, 3)
-    return scene.changed({"mesh": scene.coarse_mesh(12, 6, 8), "assembly.layers": layers})
+    return {"mesh": scene.coarse_mesh(12, 6, 8), "assembly.layers": layers}
 
 
-def run_explosion(file: Case) -> Explosion:
-    """Judge the explosion of a tube."""
+def run_explosion(case: Case) -> Explosion:
+    """Judge the explosion of a tube of rigid blocks."""
     start = time.process_time()
-    scene = require_assembly(file.scene, file.name, "mbd --disassemble")
+    scene = case.scene
     if not isinstance(scene, RoundScene):
         raise InputError(
-            f"{file.name}: block.type {scene.block.type!r} makes no tube; --disassemble needs "
+            f"{case.name}: block.type {scene.block.type!r} makes no tube; --disassemble needs "
             f"one: block.type = {round_types()}"
         )
-    assembly = build_assembly(scene)
+    assembly = case.problem.blocks
     directions = outward_directions(assembly)
     first = first_order_explosion(assembly, directions)
     contacts = contact_jacobian(assembly)
     push = np.zeros((len(contacts.free_blocks), 6))
     push[:, :3] = directions[contacts.free_blocks]
     held = classify(contacts.jacobian, push.ravel()).mechanism
-    short = build_assembly(_surface_scene(scene))
+    short = case.varied(_surfaces(scene)).problem.blocks
     surfaces, outward = as_polyhedral(short), outward_directions(short)
     thickness = scene.thickness
     finite = follow_explosion(surfaces, outward, thickness * np.array(STEPS), TOLERANCE * thickness)
     seconds = time.process_time() - start
     return Explosion(
-        file.name, assembly, surfaces, outward, thickness, first, held, finite, seconds
+        case.name, assembly, surfaces, outward, thickness, first, held, finite, seconds
     )

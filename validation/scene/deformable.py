@@ -428,11 +428,6 @@ class DeformableSections(WholeScene):
         return method.damped(moves=self.motion is not None)
 
     @property
-    def for_rigid_blocks(self) -> bool:
-        """Whether rigid blocks in their place can have its supports: no motion, no springs."""
-        return not self.moves and all(s.spring is None for s in self.supports)
-
-    @property
     def is_cell(self) -> bool:
         """Whether a periodic cell is asked for."""
         return self.fem.symmetry == "periodic cell"

@@ -150,6 +150,27 @@ class FamilyScene(DeformableSections):
         counts: dict[str, Any] = getattr(getattr(self, "mesh", None), "counts", {})
         return counts
 
+    #: Whether blocks are solids, which are meshed for deformable answers alone.
+    solid: ClassVar[bool] = False
+
+    @property
+    def divisions(self) -> list[int]:
+        """Elements of a block in three directions; none where they are not known beforehand."""
+        given = [n for v in self.element_counts.values() for n in np.atleast_1d(v).tolist()]
+        return 3 * given if len(given) == 1 else given
+
+    @property
+    def block_counts(self) -> list[int]:
+        """Numbers whose product is that of blocks, the frame's too, or more."""
+        scene: Any = self
+        assembly: Any = getattr(scene, "assembly", None)
+        if hasattr(assembly, "rings"):
+            return [3, assembly.rings + 1, assembly.rings + 1]
+        names = ("layers", "columns", "rows", "voussoirs", "copies")
+        given = (getattr(assembly, name, None) for name in names)
+        each = getattr(scene.block, "blocks_per_layer", 1)
+        return [each, *(n + 2 for n in given if isinstance(n, int))]
+
     def _with_counts(self, change: Callable[[int, int], int]) -> dict[str, Any]:
         """Values of ``[mesh]`` that change: of a count and its axis, along, across or up."""
         axes, result = iter(range(3)), {}

@@ -18,6 +18,7 @@ from pydantic import BaseModel
 from fem.element.material import FASTEST_SOUND, SLOWEST_SOUND
 from geometry.machine.work import beyond_memory
 from geometry.parts.placed import AnyBlocks, AssemblyError, check_size
+from validation.scene.family import FamilyScene
 from validation.scene.keys.docstrings import YOUNG_MODULUS, Range, ranges
 from validation.scene.sections import WholeScene
 
@@ -164,26 +165,27 @@ def _if_meant(key: str) -> str:
 # What no machine at hand can hold: by a count, before anything is built
 
 
-def too_large(scene: BaseModel) -> str | None:
+def too_large(scene: FamilyScene) -> str | None:
     """One line on a scene that does not fit the memory of this machine; None where it may.
 
     What is counted is a lower bound: a scene that passes may still be too much for a method.
     """
-    # Triangulated blocks are meshed for deformable answers alone.
-    counts = (_blocks(scene), 0.0, 0.0) if hasattr(scene, "detection") else _counts(scene)
-    blocks, elements, facets = counts
+    blocks, elements, facets = _counts(scene)
+    if scene.solid:  # meshed for deformable answers alone
+        elements = facets = 0.0
+    counts = blocks, elements, facets
     each = facets * _FACET if facets else _BLOCK
     return _refused(counts, elements * _ELEMENT + blocks * each)
 
 
-def too_large_to_deform(scene: BaseModel, *, static: bool) -> str | None:
+def too_large_to_deform(scene: FamilyScene, *, static: bool) -> str | None:
     """As `too_large`, of a scene whose blocks deform: in a static run, or in an explicit one."""
     counts = blocks, elements, facets = _counts(scene)
     need = blocks * elements * _STATE
     if static and blocks > 1.0:
         need = facets * facets * _FACET_PAIR
     elif static and elements:
-        across = elements / max(_divisions(scene))
+        across = elements / max(map(_float, scene.divisions))
         need = elements * min(_FACTOR * elements ** (1.0 / 3.0), _BAND * across)
     return _refused(counts, need)
 
@@ -203,48 +205,17 @@ def _short(number: float) -> str:
     return f"{number:.0f}" if number < 1e6 else f"{number:.2g}"
 
 
+def _counts(scene: FamilyScene) -> tuple[float, float, float]:
+    """Blocks, elements and outer facets of a block."""
+    around = [_float(n * scene.fem.degree) for n in scene.divisions]
+    elements = math.prod(around) if around else 0.0
+    blocks = math.prod(map(_float, scene.block_counts))
+    return blocks, elements, 2.0 * sum(elements / n for n in around)
+
+
 def _float(count: int) -> float:
     """A count of any size; beyond double precision it is infinite."""
     try:
         return float(count)
     except OverflowError:
         return math.inf
-
-
-def _counts(scene: Any) -> tuple[float, float, float]:
-    """Blocks, elements and outer facets of a block."""
-    fem: Any = getattr(scene, "fem", None)
-    around = [n * (1 if fem is None else fem.degree) for n in _divisions(scene)]
-    elements = math.prod(around)
-    facets = 2.0 * sum(elements / n for n in around) if around else 0.0
-    return _blocks(scene), elements if around else 0.0, facets
-
-
-def _divisions(scene: Any) -> list[float]:
-    """Elements of a block in three directions."""
-    mesh: Any = getattr(scene, "mesh", None)
-    if hasattr(mesh, "around"):
-        return [_float(mesh.around), _float(mesh.radial), _float(mesh.axial)]
-    if hasattr(mesh, "edge"):
-        return [3.0 * mesh.edge, _float(mesh.edge), _float(mesh.radial)]
-    if hasattr(mesh, "divisions"):
-        given = mesh.divisions
-        return [_float(n) for n in ((given,) * 3 if isinstance(given, int) else given)]
-    boxes: Any = getattr(scene.block, "boxes", None)
-    if boxes:
-        return [_float(max(box.divisions[axis] for box in boxes)) for axis in range(3)]
-    return []
-
-
-def _blocks(scene: Any) -> float:
-    """Blocks of an assembly, the frame's too."""
-    assembly: Any = getattr(scene, "assembly", None)
-    counts = {
-        name: _float(getattr(assembly, name))
-        for name in ("layers", "columns", "rows", "rings", "voussoirs", "copies")
-        if isinstance(getattr(assembly, name, None), int)
-    }
-    if "rings" in counts:
-        return 3.0 * (counts["rings"] + 1.0) ** 2
-    each = _float(getattr(scene.block, "blocks_per_layer", 1))
-    return each * math.prod(n + 2.0 for n in counts.values())

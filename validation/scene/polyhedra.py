@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any
+from typing import Annotated, Any, ClassVar
 
 from pydantic import Field
 
@@ -79,6 +79,13 @@ class SolidMeshSection(Section):
 class PolyhedralScene(FamilyScene):
     """A scene of triangulated blocks."""
 
+    solid: ClassVar[bool] = True
+
     load: BodyLoadSection = unset(BodyLoadSection)
     detection: DetectionSection = unset(DetectionSection)
     mesh: SolidMeshSection = unset(SolidMeshSection)
+
+    @property
+    def divisions(self) -> list[int]:
+        """Elements of a block with six flat sides."""
+        return 3 * [self.mesh.divisions]

@@ -67,6 +67,11 @@ class BoxesScene(AssemblyScene):
             return super().build_load(assembly)
         return face_pressure(assembly, np.array([assembly.n_blocks - 1]), "z+", self.load.pressure)
 
+    @property
+    def divisions(self) -> list[int]:
+        """Of the finest box in each direction."""
+        return [max(box.divisions[axis] for box in self.block.boxes) for axis in range(3)]
+
     def coarser(self, share: float) -> Self | None:
         """Divide every box into fewer elements."""
         boxes = tuple(

@@ -13,6 +13,11 @@ class HexagonTubeScene(RoundScene):
 
     frames_may_lock: ClassVar[bool] = True
 
+    @property
+    def divisions(self) -> list[int]:
+        """Three rhombs, with as many elements on each edge."""
+        return [3 * self.mesh.edge, self.mesh.edge, self.mesh.radial]
+
     def fewer_elements(self, share: float) -> dict[str, Any]:
         """Keep an even number along an edge."""
         return {

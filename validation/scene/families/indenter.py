@@ -22,6 +22,11 @@ class IndenterScene(AssemblyScene):
 
     load: NoLoadSection = unset(NoLoadSection)
 
+    @property
+    def divisions(self) -> list[int]:
+        """None that is known beforehand."""
+        return []
+
     def coarse_mesh(self, wave: int, through: int, other: int) -> dict[str, Any]:  # noqa: ARG002
         """None: elements are as large as the contact asks for."""
         return {}
