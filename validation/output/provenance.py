@@ -78,8 +78,7 @@ class Provenance:
             "libraries": {name: metadata.version(name) for name in _LIBRARIES},
         }
         if self.scene is not None:
-            keys = self.scene.scene.model_dump(mode="json", exclude_unset=True)
-            result["scene"] = {"name": self.scene.name, **keys}
+            result["scene"] = {"name": self.scene.name, **self.scene.keys}
         return result
 
 

@@ -22,12 +22,10 @@ from validation.output.rigid import is_meshed, rigid_pictures
 from validation.pages.page import page_text, webp_of
 from validation.pages.verdicts import Verdict, verdicts
 from validation.pages.views import layer_words, middle_layers, pressure_view, stress_view
-from validation.scene.combinations import combined
 from validation.scene.family import RoundScene
 from validation.scene.keys.toml_text import toml_text
-from validation.scene.read import DeformableScene
-from validation.solving import solve
-from validation.study.combinations import answer_to, combination_rows
+from validation.solving import repeatable, solve
+from validation.study.combinations import combination_cases, combination_rows
 
 Tell = Callable[[Any], None]
 
@@ -145,14 +143,14 @@ def report_scene(
         run = _tried(failed, "fem", lambda: solve(file, tell))
     if rigid is None and run is None:
         raise InputError(next(iter(failed.values())))
-    title, scenes = load_scenes(file.scene, load_cases=load_cases)
-    known = {"rigid": rigid, "fem": run}
-    loads = [
-        _side_by_side(file, scenes, kind, answered, tell)
-        for kind, answered in known.items()
-        if answered is not None and scenes
-    ]
-    return SceneReport(file, rigid, run, failed, tuple(loads), title)
+    title = ""
+    if file.scene.combinations:
+        title = "Load combinations"
+    elif load_cases and isinstance(file.scene, RoundScene):
+        title = "The five load cases, same pressure"
+    known = [answer for answer in (rigid, run) if answer is not None and title]
+    loads = tuple(_side_by_side(answer, tell) for answer in known)
+    return SceneReport(file, rigid, run, failed, loads, title)
 
 
 def _tried(failed: dict[str, str], kind: str, solve: Callable[[], Any]) -> Any:
@@ -164,34 +162,25 @@ def _tried(failed: dict[str, str], kind: str, solve: Callable[[], Any]) -> Any:
         return None
 
 
-def load_scenes(
-    scene: DeformableScene, *, load_cases: bool
-) -> tuple[str, dict[str, DeformableScene]]:
-    """Return what is compared, and the scene under each load: its combinations, or load cases."""
+def _repeatable(case: Case) -> Answer:
+    return repeatable(solve(case))
+
+
+def _side_by_side(known: Answer, tell: Tell) -> LoadTable:
+    """Numbers under each combination or load case; the answer to the case itself is known."""
     from geometry.loads import CASES
 
-    if scene.combinations:
-        return "Load combinations", {name: combined(scene, name) for name in scene.combinations}
-    if load_cases and isinstance(scene, RoundScene):
-        cases: dict[str, DeformableScene] = {
-            name: scene.changed({"load.case": name}) for name in CASES
-        }
-        return "The five load cases, same pressure", cases
-    return "", {}
-
-
-def _side_by_side(
-    file: Case, scenes: Mapping[str, DeformableScene], kind: Any, known: Answer, tell: Tell
-) -> LoadTable:
-    """Numbers under each load; the answer of the scene itself is known."""
-    answers: dict[str, Answer] = {}
-    failed: dict[str, str] = {}
-    blocks = "rigid blocks" if kind == "rigid" else "deformable blocks"
-    for number, (name, scene) in enumerate(scenes.items(), 1):
-        tell(f"{blocks} under {name}, {number} of {len(scenes)}")
-        one = replace(file.stating(scene), name=f"{file.name}, {name}")
-        solve = partial(answer_to, one, kind)
-        answer = known if scene == file.scene else _tried(failed, name, solve)
+    case, answers, failed = known.case, dict[str, Answer](), dict[str, str]()
+    if case.scene.combinations:
+        cases = combination_cases(case)
+    else:
+        under = {name: case.varied({"load.case": name}) for name in CASES}
+        cases = {name: replace(one, name=f"{case.name}, {name}") for name, one in under.items()}
+    kind, blocks = ("rigid", "rigid") if known.method == "rigid" else ("fem", "deformable")
+    for number, (name, one) in enumerate(cases.items(), 1):
+        tell(f"{blocks} blocks under {name}, {number} of {len(cases)}")
+        asked = partial(_repeatable, one)
+        answer = known if one.scene == case.scene else _tried(failed, name, asked)
         if answer is not None:
             answers[name] = answer.numbers_alone()
     return LoadTable(kind, answers, failed)

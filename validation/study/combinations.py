@@ -51,13 +51,6 @@ def combination_answers(
     return {row["combination"]: answer_of(row["answer"]) for row in rows}
 
 
-def answer_to(file: Case, kind: Quantity) -> Answer:
-    """Answer to a scene, as `tubelock mbd` or `fem` gives it."""
-    from validation.solving import repeatable, solve
-
-    return repeatable(solve(file.with_method("rigid") if kind == "rigid" else file))
-
-
 def envelope(answers: Mapping[str, Answer]) -> dict[str, tuple[str, Measure]]:
     """Combination that governs each measure, and its value.
 

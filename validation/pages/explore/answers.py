@@ -202,7 +202,7 @@ def _png(draw: Any) -> bytes:
 def download(what: str, file: Case, run: Answer | None, shown: Shown | None) -> tuple[str, bytes]:
     """Name and content of what the page asks for: ``scene``, ``picture`` or ``deck``."""
     if what == "scene":
-        data = file.scene.model_dump(mode="json", exclude_unset=True)
+        data = file.keys
         return f"{file.name}.toml", toml_text(data).encode()
     if what == "deck":
         return f"{file.name}.inp", _deck(file)

@@ -174,7 +174,7 @@ class _Channel(WebSocketHandler):
     def _start(self) -> None:
         """Solve the current scene in a process of its own."""
         ours, theirs = multiprocessing.Pipe(duplex=False)
-        data = self.current.scene.model_dump(mode="json", exclude_unset=True)
+        data = self.current.keys
         self.process = multiprocessing.get_context("spawn").Process(
             target=solve_deformable,
             args=(theirs, self.file.name, data),

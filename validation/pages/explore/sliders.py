@@ -152,7 +152,7 @@ def _round_step(most: float) -> float:
 
 def changed(file: Case, known: Controls, values: Mapping[str, Any], *, coarse: bool) -> Case:
     """Scene with the values of a page, on its own facets or on coarse ones."""
-    data = file.scene.model_dump(mode="json", exclude_unset=True)
+    data = file.keys
     every = file.scene.model_dump(mode="json")
     sliders = {slider.key: slider for slider in known.sliders}
     for key, value in values.items():

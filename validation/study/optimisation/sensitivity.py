@@ -30,7 +30,7 @@ from validation.output.files import write_csv
 from validation.output.pictures.gallery import save_figure, subplots
 from validation.output.pictures.scales import BLUE, VERMILION
 from validation.scene.keys.quantities import unit_of_key
-from validation.study.combinations import answer_to
+from validation.solving import repeatable, solve
 from validation.study.design import Quantity, Row
 from validation.study.rowfile import StudyRows
 from validation.study.run import computed, runner_for
@@ -416,7 +416,7 @@ def answers_at(file: Case, method: Quantity, meshes: int = 2) -> list[Values]:
     """Measures on so many meshes from coarse to fine; rigid blocks have the scene's own."""
     if method == "fem":
         return list(_deformable(file, meshes))
-    answer = answer_to(file, "rigid")
+    answer = repeatable(solve(file.with_method("rigid")))
     built = answer.report["dimensions"]
     values = dict(answer.measures) | {"volume": Measure(built["volume"], built["units"]["volume"])}
     if "p_max" not in values:
