@@ -11,7 +11,7 @@ import numpy as np
 
 from geometry.block import Block
 from geometry.interface import Interfaces, match_facets
-from geometry.mesh import FloatArray, IntArray
+from geometry.mesh import BoolArray, FloatArray, IntArray
 from geometry.parts.placed import AssemblyError, PlacedBlocks, UnmatchedJoint, check_size
 
 if TYPE_CHECKING:
@@ -136,6 +136,20 @@ class Assembly(PlacedBlocks[Block]):
             self._check_partners(matched)
         return matched
 
+    def only(self, there: BoolArray) -> Assembly:
+        """The same blocks, some there, (n_blocks,); others count as fixed and touch nothing."""
+        found = self.interfaces
+        first = found.pair_start[:-1]
+        pairs = there[found.block_m[first]] & there[found.block_s[first]]
+        own = {name: getattr(self, name) for name in ("shapes", "layer", "axis", "origin")}
+        return _WithSomeFacets(
+            **self.as_placed | {"fixed": self.fixed | ~there},
+            **own,
+            unmatched_allowed=True,
+            unmatched=self.unmatched,
+            found=found.some(pairs),
+        )
+
     def eligible_facets(self) -> IntArray:
         """Facets of each block that can meet another block, k_b of the paper; (n_blocks,)."""
         count = np.array([len(shape.contact_quads) for shape in self.shapes])
@@ -186,6 +200,17 @@ def renumbered(assembly: Assembly, order: IntArray) -> Assembly:
         unmatched=None,
         image_of=None if assembly.image_of is None else number[assembly.image_of[order]],
     )
+
+
+@dataclass(frozen=True, kw_only=True)
+class _WithSomeFacets(Assembly):
+    """Blocks that touch at some of the facets found."""
+
+    found: Interfaces
+
+    @cached_property
+    def interfaces(self) -> Interfaces:
+        return self.found
 
 
 def spacing_offsets(assembly: Assembly, spacing: float) -> FloatArray:

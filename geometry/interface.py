@@ -7,12 +7,12 @@ way again and again: each way is searched once, and turned to wherever it occurs
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 
 from geometry.block import Block
-from geometry.mesh import FloatArray, IntArray, ReadOnlyArrays
+from geometry.mesh import BoolArray, FloatArray, IntArray, ReadOnlyArrays
 from geometry.parts.neighbours import coincident, pairs_within
 from geometry.parts.placed import AnyBlocks, PlacedBlocks
 
@@ -63,6 +63,19 @@ class Interfaces(ReadOnlyArrays):
     def n_pairs(self) -> int:
         """Number of block pairs that touch."""
         return len(self.pair_start) - 1
+
+    def some(self, pairs: BoolArray) -> Interfaces:
+        """Those of some pairs of blocks, (n_pairs,), alone."""
+        count = np.diff(self.pair_start)
+        kept = np.repeat(pairs, count)
+        of_pairs = ("pair_start", "pair_class", "pair_rotations")
+        names = [field.name for field in fields(self) if field.name not in of_pairs]
+        return Interfaces(
+            **{name: getattr(self, name)[kept] for name in names},
+            pair_start=np.concatenate([[0], np.cumsum(count[pairs])]),
+            pair_class=self.pair_class[pairs],
+            pair_rotations=self.pair_rotations[pairs],
+        )
 
 
 @dataclass(frozen=True)

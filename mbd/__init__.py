@@ -15,14 +15,23 @@ What most need::
 | `Norm`, `Solver`, `FrictionLaw` | its options by name |
 | `RigidResult` | `Answer.details`: certificates, forces and equilibrium as objects |
 | `MechanismClass` | locked, activated, suppressed or neutral |
+| `stages`, `Stages` | whether each stage of a construction stands, and its least propping |
+| `take_out` | which block comes out by a straight motion, and in which order all do |
 | `contact_jacobian` | velocities of gaps by motions of blocks: proves certificates |
 """
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
 
 from mbd.analysis import RigidResult
 from mbd.answer import analyse
 from mbd.contact_jacobian import contact_jacobian
 from mbd.mechanism import MechanismClass
-from mbd.options import FrictionLaw, Norm, Rigid, Solver
+from mbd.options import FrictionLaw, Norm, Rigid, Solver, Stages
+
+if TYPE_CHECKING:
+    from mbd.building.stages import stages
+    from mbd.building.take_out import take_out
 
 __all__ = [
     "FrictionLaw",
@@ -31,9 +40,21 @@ __all__ = [
     "Rigid",
     "RigidResult",
     "Solver",
+    "Stages",
     "analyse",
     "contact_jacobian",
+    "stages",
+    "take_out",
 ]
+
+#: Loaded when asked for.
+_PLACES = {"stages": "mbd.building.stages", "take_out": "mbd.building.take_out"}
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _PLACES:
+        raise AttributeError(f"module 'mbd' has no attribute {name!r}")
+    return getattr(import_module(_PLACES[name]), name)
 
 
 def __dir__() -> list[str]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import asdict, dataclass, fields, replace
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
@@ -151,7 +151,7 @@ class Case:
 
     def stating(self, scene: DeformableScene) -> Case:
         """Return the case with another scene, and the same kind of method."""
-        method = scene.rigid.method if isinstance(self.method, Rigid) else scene.method
+        method = scene.rigid_method if isinstance(self.method, Rigid) else scene.method
         return replace(self, source=scene, method=method, stated=None, blocks=None)
 
     def with_method(self, method: Method | str) -> Case:
@@ -165,10 +165,12 @@ class Case:
         if self.source is None:
             return replace(self, method=_named(self.name, method))
         if method == "rigid":
-            return replace(self, method=self.source.rigid.method)
+            return replace(self, method=self.source.rigid_method)
         if isinstance(method, Rigid):
             keys = {f.name: getattr(method, f.name) for f in fields(method)}
-            return replace(self, source=self.source.changed({"rigid": keys}), method=method)
+            stages = keys.pop("stages")
+            asked = {"rigid": keys, "stages": None if stages is None else asdict(stages)}
+            return replace(self, source=self.source.changed(asked), method=method)
         if isinstance(method, str):
             _named(self.name, method)
             return self.stating(self.source.changed({"fem": {"method": method}}))

@@ -192,6 +192,10 @@ class PlacedBlocks(ReadOnlyArrays, ABC, Generic[AnyShape]):
     def eligible_areas(self) -> FloatArray:
         """Their total area, (n_blocks,) [mm²]."""
 
+    @abstractmethod
+    def only(self, there: BoolArray) -> PlacedBlocks[AnyShape]:
+        """The same blocks, some there, (n_blocks,); others count as fixed and touch nothing."""
+
 
 #: Blocks of any shape.
 AnyBlocks = PlacedBlocks[Any]

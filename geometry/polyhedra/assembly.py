@@ -65,11 +65,16 @@ class PolyhedralAssembly(PlacedBlocks[Polyhedron]):
         """The same blocks, which touch where friction counts and nowhere else."""
         return self._touching(self.interfaces.bears)
 
-    def _touching(self, contacts: BoolArray) -> PolyhedralAssembly:
-        if contacts.all():
+    def only(self, there: BoolArray) -> PolyhedralAssembly:
+        """The same blocks, some there, (n_blocks,); others count as fixed and touch nothing."""
+        found = self.interfaces
+        return self._touching(there[found.block_m] & there[found.block_s], self.fixed | ~there)
+
+    def _touching(self, contacts: BoolArray, fixed: BoolArray | None = None) -> PolyhedralAssembly:
+        if contacts.all() and fixed is None:
             return self
         return _WithSomeContacts(
-            **self.as_placed,
+            **self.as_placed | ({} if fixed is None else {"fixed": fixed}),
             shapes=self.shapes,
             detection=self.detection,
             found=self.interfaces.some(contacts),

@@ -19,12 +19,12 @@ from geometry.parts.measures import (
     planes,
     sections_through_joints,
 )
-from geometry.polyhedra.assembly import PolyhedralAssembly, polyhedral_assembly
-from geometry.polyhedra.polyhedron import convex_polyhedron, polyhedron
+from geometry.polyhedra.polyhedron import convex_polyhedron
 from mbd import analyse, contact_jacobian
 from mbd.friction import frictional_contacts, frictional_equilibrium
 from tests.support.answers import on_its_mesh
 from tests.support.arch import ARCH, arch_run
+from tests.support.assemblies import dovetail
 from tests.support.commands import command
 from tests.support.dome import voussoirs
 from tests.support.own_blocks import column
@@ -208,23 +208,6 @@ def test_a_section_takes_moments_about_the_centre_of_its_joints_areas() -> None:
     assert found.centroids[0] == pytest.approx([6.0, 0.0, 0.0])
     assert found.forces[0] == pytest.approx([0.0, 0.0, -4.0])  # on the part behind the plane
     assert found.moments[0] == pytest.approx([0.0, -8.0, 0.0])
-
-
-def dovetail() -> PolyhedralAssembly:
-    """A tail in a fixed socket, 80 mm deep, with flanks of 10 to 25 that hold it from above."""
-    socket = [(-60, 0), (60, 0), (60, 60), (15, 60), (25, 35), (-25, 35), (-15, 60), (-60, 60)]
-    ears = [(0, 1, 4), (1, 2, 4), (2, 3, 4), (0, 4, 5), (0, 5, 7), (5, 6, 7)]
-    points = np.array([(x, y, z) for y in (0.0, 80.0) for x, z in socket], dtype=np.float64)
-    ends = [*ears, *((c + 8, b + 8, a + 8) for a, b, c in ears)]
-    sides = [(i, i + 8, (i + 1) % 8 + 8) for i in range(8)]
-    sides += [(i, (i + 1) % 8 + 8, (i + 1) % 8) for i in range(8)]
-    tail = np.array([(x, y, z) for y in (0.0, 80.0) for x, z in socket[3:7]], dtype=np.float64)
-    blocks = (
-        polyhedron("socket", points, np.array([*ends, *sides])),
-        convex_polyhedron("tail", tail),
-    )
-    placed = [(block, np.eye(3), np.zeros(3)) for block in blocks]
-    return polyhedral_assembly("dovetail", placed, np.array([True, False]))
 
 
 def test_a_dovetail_that_hangs_presses_on_both_of_its_flanks() -> None:

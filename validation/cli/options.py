@@ -173,6 +173,7 @@ _FIELDS: Mapping[str, Any] = {
     "max_work": Annotated[float | None, typer.Option("--max-work", metavar="S")],
     "max_seconds": Annotated[float | None, typer.Option("--max-seconds", metavar="S")],
     "max_memory": Annotated[float | None, typer.Option("--max-memory", metavar="GB")],
+    "take_out": Annotated[bool | None, typer.Option("--take-out")],
     "mesh": Annotated[str | None, typer.Option("--mesh", metavar="scene|converged")],
 }
 #: File and class of the method of each section.
@@ -194,7 +195,9 @@ def method_options(section: str, *names: str, of_scene: bool = True) -> Callable
             if "accuracy" in asked:
                 asked["accuracy"] = parse_targets(asked["accuracy"])
             if of_scene:
-                words = [f"{section}.{key}={value}" for key, value in _flat(asked)]
+                from validation.scene.keys.toml_text import toml_value
+
+                words = [f"{section}.{key}={toml_value(value)}" for key, value in _flat(asked)]
                 options["settings"] = [*(options.get("settings") or ()), *words]
             else:
                 options["asked"] = asked

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from validation.output.explosion import Explosion
 
 
-@method_options("rigid", "max_work", "max_seconds", "max_memory")
+@method_options("rigid", "take_out", "max_work", "max_seconds", "max_memory")
 def mbd(
     scene: SceneArgument,
     settings: SetOption = None,
@@ -54,6 +54,14 @@ def mbd(
             help="Also test of a tube how far all blocks can move outward, rings released.",
         ),
     ] = False,
+    stages: Annotated[
+        bool,
+        typer.Option(
+            "--stages",
+            help="Whether each stage of the construction stands, and its least propping: in the "
+            "order of [stages], or layer by layer.",
+        ),
+    ] = False,
     combinations: CombinationsOption = False,
 ) -> None:
     """Rigid-block analysis: locked or not, equilibrium, pressures.
@@ -67,6 +75,8 @@ def mbd(
     from validation.solving import solve
 
     case = load_case(scene, settings or (), method="rigid")
+    if stages and case.scene.stages is None:
+        case = case.changed({"stages.order": "layers"})
     if combinations:
         alone = {"fields": fields, "layers-to-unlock": unlock, "refine": refine}
         solve_combinations(case, json, output, alone | {"disassemble": disassemble})

@@ -30,6 +30,7 @@ FILES = (
     "contacts.png",
     "mechanism.png",
     "explosion.png",
+    "stages.png",
     *JOINT_FILES,
     *SECTION_FILES,
 )
@@ -74,6 +75,10 @@ def rigid_pictures(answer: Answer) -> dict[str, Callable[[Path], None]]:
         result["contact_pressures.png"] = partial(draw_pressures, answer)
     if "mechanism" in answer.fields:
         result["mechanism.png"] = partial(draw_mechanism, answer)
+    if "stages" in answer.parts:
+        from validation.output.pictures.construction import draw_stages
+
+        result["stages.png"] = partial(draw_stages, answer)
     return result
 
 

@@ -35,6 +35,7 @@ _CAPTIONS = {
     "contacts": "Blocks and contact interfaces.",
     "contact_pressures": "Contact pressures.",
     "mechanism": "Mechanism: how the blocks move.",
+    "stages": "Stages of the construction: what is new, what is propped.",
     "stresses": "Principal stresses and deformed shape.",
     "principal_stresses": "Directions of the principal stresses.",
     "sections": "Stresses in horizontal sections.",

@@ -23,6 +23,7 @@ from fem.method import Explicit, Static
 from fem.system.effects import BulkViscosity, RayleighDamping
 from geometry.errors import is_number
 from geometry.parts.options import OptionError
+from mbd.options import Rigid, Stages
 from validation.scene.contact import ContactSection, gap_words
 from validation.scene.keys.docstrings import (
     ACCELERATION,
@@ -38,6 +39,7 @@ from validation.scene.sections import (
     Positive,
     RigidSection,
     Section,
+    StagesSection,
     Vector,
     WholeScene,
     section_of,
@@ -332,6 +334,7 @@ class DeformableSections(WholeScene):
     effects: EffectsSection = unset(EffectsSection)
     fem: FemSection = unset(FemSection)
     rigid: RigidSection = unset(RigidSection)
+    stages: StagesSection | None = None
     supports: tuple[SupportSection, ...] = ()
     """``[[supports]]``: parts of the surfaces that are held, moved or on springs."""
     loads: tuple[SurfaceLoadSection, ...] = ()
@@ -426,6 +429,12 @@ class DeformableSections(WholeScene):
         if isinstance(method, Static):
             return "none"
         return method.damped(moves=self.motion is not None)
+
+    @property
+    def rigid_method(self) -> Rigid:
+        """What is asked of rigid blocks: ``[rigid]``, and ``[stages]``."""
+        stages = None if self.stages is None else Stages(**self.stages.model_dump())
+        return Rigid(**self.rigid.model_dump(), stages=stages)
 
     @property
     def is_cell(self) -> bool:

@@ -20,7 +20,7 @@ from pydantic import (
 
 from geometry.loads import CASES
 from geometry.parts.options import option_fields
-from mbd.options import Rigid
+from mbd.options import ORDER, Rigid, Stages, is_order
 from validation.errors import InputError, one_line
 from validation.scene.keys.docstrings import PRESSURE, field_docstrings, leaves
 from validation.scene.keys.quantities import Unit, converted, parse_unit, unit_of
@@ -224,16 +224,23 @@ class WallLoadSection(TubeLoadSection):
         return sides.get(self.case, super().case_words)
 
 
-_RigidKeys: Any = section_of(Rigid)
+_RigidKeys: Any = section_of(Rigid, absent={"stages"})
+_StagesKeys: Any = section_of(Stages)
 
 
 class RigidSection(_RigidKeys):  # type: ignore[misc]
     """``[rigid]``: rigid-block analysis."""
 
-    @property
-    def method(self) -> Rigid:
-        """The method itself."""
-        return Rigid(**self.model_dump())
+
+class StagesSection(_StagesKeys):  # type: ignore[misc]
+    """``[stages]``: order of construction, judged stage by stage under its weight."""
+
+    @field_validator("order", mode="before")
+    @classmethod
+    def _an_order(cls, value: Any) -> Any:
+        if not is_order(value):
+            raise ValueError(ORDER)
+        return value
 
 
 class PlausibilitySection(Section):

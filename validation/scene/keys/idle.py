@@ -34,7 +34,7 @@ _ELASTIC = (
 _IN_TIME = ("effects.rayleigh", "effects.bulk_viscosity")
 #: Of a scene's answer, which decks leave to the program that reads them.
 _NOT_WRITTEN = (
-    *("rigid", "sections", "material.averaging_radius", "material.tensile_strength"),
+    *("rigid", "stages", "sections", "material.averaging_radius", "material.tensile_strength"),
     *("material.compressive_strength", "fem.mesh", "fem.accuracy"),
     *("fem.max_work", "fem.max_seconds", "fem.max_memory"),
     *("fem.error_estimate", "fem.load_steps", "fem.motion_steps", "fem.symmetry"),
@@ -44,12 +44,12 @@ _NOT_WRITTEN = (
 #: Sections and keys that a method does not have, by its name.
 _ABSENT: Mapping[str, tuple[str, ...]] = {
     "rigid": ("fem", *_ELASTIC, *_IN_TIME, "pictures.mises"),
-    "static": ("rigid", *_IN_TIME),
-    "explicit": ("rigid",),
+    "static": ("rigid", "stages", *_IN_TIME),
+    "explicit": ("rigid", "stages"),
     "static deck": (*_NOT_WRITTEN, *_IN_TIME, "fem.damping"),
     "explicit deck": (*_NOT_WRITTEN, "effects.finite_sliding"),
     "blocks": (
-        *("fem", "rigid", "material", "contact", "effects", "load", "loads", "supports"),
+        *("fem", "rigid", "stages", "material", "contact", "effects", "load", "loads", "supports"),
         *("support", "initial", "combinations", "sections"),
     ),
 }

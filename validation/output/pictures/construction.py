@@ -1,0 +1,98 @@
+"""A strip of the stages of a construction: what is new, what is propped, with which force."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, cast
+
+import numpy as np
+
+from geometry.answer import Answer
+from geometry.parts.placed import AnyBlocks
+from geometry.parts.rows import number
+from mbd.building.stages import Stands
+from validation.output.pictures.bodies import arrows, eye, outlines, surfaces
+from validation.output.pictures.canvas import INK, Lines, Part, View
+from validation.output.pictures.gallery import Panel, gallery
+from validation.output.pictures.scales import BLUE, GREY, ORANGE, SKY, VERMILION
+
+if TYPE_CHECKING:
+    from mbd.building.stages import Stage, StageResults
+    from mbd.motion import Motion
+
+#: Stages that are drawn at most, and in one row where there are no more.
+_MOST, _ROW = 8, 3
+#: Length of the longest arrow, and of the shortest, in lengths of a block.
+_LONGEST, _SHORTEST = 1.3, 0.6
+
+
+def _chosen(results: StageResults) -> list[Stage]:
+    """Stages at which the verdict changes, the last one, and others between them."""
+    stages = list(results)
+    if len(stages) <= _MOST:
+        return stages
+    last = len(stages) - 1
+    turns = [k for k in range(1, last + 1) if stages[k].stands is not stages[k - 1].stands]
+    picked = {0, last, *turns[: _MOST // 2], *(k - 1 for k in turns[:1])}
+    for k in np.linspace(0, last, _MOST).round().astype(int).tolist():
+        if len(picked) < _MOST:
+            picked.add(k)
+    return [stages[k] for k in sorted(picked)]
+
+
+def _view(stage: Stage, blocks: AnyBlocks, largest: float, whole: Lines) -> View:
+    """What is placed, over pale edges of the whole, and arrows of the props from below."""
+    new, moving = set(stage.new), set[int]()
+    if stage.stands is Stands.FALLS and "motion" in stage.answer.parts:
+        motion = cast("Motion", stage.answer.parts["motion"])
+        moving = {one.block for one in motion.blocks}
+    there = np.flatnonzero(stage.there).tolist()
+    fixed = blocks.fixed
+
+    def colour(block: int) -> str:
+        if block in moving:
+            return VERMILION
+        if block in new:
+            return ORANGE
+        return GREY if fixed[block] else (BLUE, SKY)[block % 2]
+
+    parts: list[Part] = [whole, surfaces(blocks, there, colour), outlines(blocks, there)]
+    propped = stage.propped
+    if propped:
+        force = stage.props[propped]
+        size = np.linalg.norm(force, axis=1, keepdims=True)
+        length = np.clip(size / largest, _SHORTEST / _LONGEST, 1.0) * _LONGEST
+        along = force / size * length * blocks.characteristic_length
+        # Arrows end inside of their blocks; they are drawn in front of them.
+        towards = np.array(eye(blocks)) / np.linalg.norm(eye(blocks))
+        front = 2.0 * blocks.characteristic_length * towards
+        parts.append(arrows(blocks.centroids[propped] - along + front, along, INK))
+    return View(parts, eye(blocks))
+
+
+def draw_stages(answer: Answer, path: Path) -> None:
+    """Draw up to eight stages of a construction, in two rows."""
+    from matplotlib.patches import Patch
+
+    results, blocks = cast("StageResults", answer.parts["stages"]), answer.details.blocks
+    chosen = _chosen(results)
+    sizes = [np.linalg.norm(stage.props, axis=1).max(initial=0.0) for stage in results]
+    largest = float(max(sizes, default=0.0)) or 1.0
+    whole = outlines(blocks, range(blocks.n_blocks), width=0.8, opacity=0.25)
+    panels = []
+    for stage in chosen:
+        words = str(stage.stands).partition(":")[0].partition(" (")[0]
+        props = f", {number(stage.propping)} N" if stage.propped else ""
+        panels.append(
+            Panel(f"stage {stage.number}: {words}{props}", _view(stage, blocks, largest, whole))
+        )
+    across = len(panels) if len(panels) <= _ROW else -(-len(panels) // 2)
+    columns = [panels[k::across] for k in range(across)]
+    colours = {"placed in this stage": ORANGE, "placed before": BLUE, "fixed": GREY}
+    if any(stage.stands is Stands.FALLS for stage in chosen):
+        colours["moves most"] = VERMILION
+    if any(sizes):
+        colours[f"prop; the longest {number(largest)} N"] = INK
+    legend = [Patch(color=colour, label=name) for name, colour in colours.items()]
+    title = f"{answer.case.name}, rigid blocks: stages of the construction, weight alone"
+    gallery(columns, f"{title}\n{results.words}", path, height=6.5, legend=legend)
