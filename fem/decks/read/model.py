@@ -210,7 +210,7 @@ class Step:
 
     @property
     def procedure(self) -> Card:
-        """Card *Static or *Dynamic."""
+        """Card ``*Static`` or ``*Dynamic``."""
         result = [card for card in self.cards if card.keyword in {"STATIC", "DYNAMIC"}]
         if len(result) != 1:
             raise self.card.wrong(f"{len(result)} procedures", "*Static or *Dynamic, explicit")

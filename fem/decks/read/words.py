@@ -87,7 +87,7 @@ _SPELT = {"".join(name.split()): name for name in (*READ, *IDLE)}
 
 
 def spelt(card: Card) -> Card:
-    """Card with its keyword as the tables spell it: *Nodefile is *Node File."""
+    """Card with its keyword as the tables spell it: ``*Nodefile`` is ``*Node File``."""
     return replace(card, keyword=_SPELT.get("".join(card.keyword.split()), card.keyword))
 
 
