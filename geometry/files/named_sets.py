@@ -99,7 +99,7 @@ def named_sets(path: Path, mesh: Any) -> NamedSets:
 
 
 def _element_surfaces(path: Path, mesh: Any) -> Iterator[tuple[str, IntArray]]:
-    """Name and corners of the sides of element sets that *Surface puts together."""
+    """Name and corners of the sides of element sets that ``*Surface`` puts together."""
     sets = {name.upper(): of for name, of in mesh.cell_sets.items()}
     text = path.read_text("utf-8", errors="replace").replace("\r", "")
     for head, rows in _SURFACE.findall(text):

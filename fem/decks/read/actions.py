@@ -202,7 +202,7 @@ _WORDS = {"ENCASTRE": [0, 1, 2], "PINNED": [0, 1, 2], "XSYMM": [0], "YSYMM": [1]
 
 
 def _components(stated: Line) -> tuple[list[int], float]:
-    """Components, from 0, and value of a line of *Boundary; rotations of solids do nothing."""
+    """Components, from 0, and value of a line of ``*Boundary``; rotations of solids do nothing."""
     card, line, row = stated.card, stated.line, stated.row
     if stated.kind in _WORDS and len(row) == 2:
         return _WORDS[stated.kind], 0.0

@@ -35,7 +35,7 @@ class Instance:
 
 
 def placed(card: Card, part: Part) -> Instance:
-    """Read *Instance: a translation, then a rotation about an axis through two points [degrees].
+    """Read ``*Instance``: a translation, then a rotation about an axis of two points [degrees].
 
     Raises
     ------
@@ -86,7 +86,7 @@ class Blocks:
         self.surfaces = flat.surfaces
 
     def add_set(self, card: Card) -> None:
-        """Read *Nset or *Elset of the assembly."""
+        """Read ``*Nset`` or ``*Elset`` of the assembly."""
         nodes, instance = card.keyword == "NSET", card.option("INSTANCE")
         members = self.sets[nodes].setdefault(card.parameter(card.keyword), [])
         for line, entry in set_entries(card):

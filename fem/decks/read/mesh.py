@@ -40,7 +40,7 @@ class Part:
     volumes: list[list[int]] = field(default_factory=list)
     """Nodes of each element, as numbered in the deck."""
     titles: list[str] = field(default_factory=list)
-    """Set that *Element puts each in."""
+    """Set that ``*Element`` puts each in."""
     node_sets: dict[str, list[int]] = field(default_factory=dict)
     element_sets: dict[str, list[int]] = field(default_factory=dict)
     surfaces: dict[str, Card] = field(default_factory=dict)
@@ -192,7 +192,7 @@ class Part:
 
 
 def add_nodes(part: Part, card: Card) -> None:
-    """Read *Node: number and coordinates, missing ones are zero."""
+    """Read ``*Node``: number and coordinates, missing ones are zero."""
     for line, row in card.rows():
         label = card.whole(line, row[0])
         if label in part.index or len(row) > 7:
@@ -206,7 +206,7 @@ def add_nodes(part: Part, card: Card) -> None:
 
 
 def add_elements(part: Part, card: Card) -> None:
-    """Read *Element: number and nodes; an element may go on over lines."""
+    """Read ``*Element``: number and nodes; an element may go on over lines."""
     kind, name = card.parameter("TYPE"), card.option("ELSET")
     count = VOLUMES.get(kind)
     if count is None or part.kind not in {"", kind}:
@@ -245,7 +245,7 @@ def set_entries(card: Card) -> Iterator[tuple[int, str | int]]:
 
 
 def add_set(part: Part, card: Card) -> None:
-    """Read *Nset or *Elset of a part."""
+    """Read ``*Nset`` or ``*Elset`` of a part."""
     nodes = card.keyword == "NSET"
     known = part.node_sets if nodes else part.element_sets
     members = known.setdefault(card.parameter(card.keyword), [])
