@@ -114,6 +114,8 @@ class Iterate:
     """What one iteration leaves to the next; a `fem.state.State` is made of the last one."""
 
     displacement: FloatArray
+    force: FloatArray
+    """K u of it, condensed where inner nodes are left out, (n_nodes, 3) [N]."""
     gaps: Gaps
     at: FloatArray
     """Overclosures and slips at which the law is linearised, as `Gaps.x` [mm]."""
@@ -154,6 +156,7 @@ def start_iterate(system: System, start: FloatArray | None = None) -> Iterate:
         at[..., 0].T[:] = rest  # one number, or one for each facet
     return Iterate(
         displacement=displacement,
+        force=np.zeros_like(displacement),
         gaps=gaps,
         at=at,
         anchor=np.zeros_like(at[..., 1:]),
@@ -199,8 +202,8 @@ def localised(system: System, start: tuple[FloatArray, ...]) -> FloatArray:
 
 def converge(problem: StaticProblem, state: Iterate) -> Iterate:
     """Iterate to an equilibrium, or until nothing has improved for a while."""
-    slips = state.gaps.x[..., 1:]
-    state = replace(state, at=np.concatenate([state.at[..., :1], slips], axis=2))
+    slips, force = state.gaps.x[..., 1:], problem.step.internal_force(state.displacement)
+    state = replace(state, at=np.concatenate([state.at[..., :1], slips], axis=2), force=force)
     least, since, softened, way = math.inf, 0, 0, np.zeros(1)
     for _ in range(problem.max_iterations):
         before, begin = way, state.displacement
@@ -236,8 +239,9 @@ def _iterate(problem: StaticProblem, state: Iterate) -> Iterate:
     simple = coarsened(linear) if state.coarse_iterations > 0 else linear
     while True:
         trial, state = _solve(problem, simple, state)
-        share = _step_share(problem, state, trial)
-        moved = _moved(problem, linear, state, trial, share)
+        end = trial, problem.step.internal_force(trial)
+        share = _step_share(problem, state, end)
+        moved = _moved(problem, linear, state, end, share)
         if state.rescues >= _MAX_RESCUES or not _runs_away(problem, state, moved):
             return moved
         state = _held_more(state)
@@ -264,12 +268,14 @@ def _moved(
     problem: StaticProblem,
     linear: Linearisation,
     state: Iterate,
-    trial: FloatArray,
+    end: tuple[FloatArray, FloatArray],
     share: float,
 ) -> Iterate:
-    """The state after a share of the way to the linear solution."""
-    way = trial - state.displacement
-    displacement = trial if share == 1.0 else state.displacement + share * way
+    """The state after a share of the way to the ``end``, the linear solution and its K u."""
+    displacement, force = (
+        after if share == 1.0 else before + share * (after - before)
+        for before, after in zip((state.displacement, state.force), end, strict=True)
+    )
     gaps = problem.system.points.gaps(displacement)
     at = bounded(problem, state, gaps.x)
     if share == 1.0:
@@ -279,6 +285,7 @@ def _moved(
     state = replace(
         state,
         displacement=displacement,
+        force=force,
         gaps=gaps,
         at=at,
         holding=_next_holding(state, share),
@@ -413,8 +420,10 @@ def _unheld_text(error: UnheldBlocksError) -> str:
     )
 
 
-def _step_share(problem: StaticProblem, state: Iterate, trial: FloatArray) -> float:
-    """Share of the way to the linear solution at which the energy is least.
+def _step_share(
+    problem: StaticProblem, state: Iterate, end: tuple[FloatArray, FloatArray]
+) -> float:
+    """Share of the way to the ``end``, the linear solution and its K u, of the least energy.
 
     One, unless the energy rises steeply at the end. Along the way overclosures and slips are
     linear, so without friction the energy is convex, and its slope, the work of the unbalanced
@@ -422,13 +431,12 @@ def _step_share(problem: StaticProblem, state: Iterate, trial: FloatArray) -> fl
     its end: energy that they bring in says nothing, and no other state has them where they are
     prescribed.
     """
-    system, step = problem.system, problem.step
+    system = problem.system
     if not system.held.met(state.displacement, state.time):
         return 1.0
-    way = trial - state.displacement
-    force = step.internal_force(state.displacement) - step.load(state.load_factor)
-    start = float(np.vdot(force, way))
-    growth = float(np.vdot(step.internal_force(way), way))
+    way = end[0] - state.displacement
+    start = float(np.vdot(state.force - problem.step.load(state.load_factor), way))
+    growth = float(np.vdot(end[1] - state.force, way))
     before, change = state.gaps.x, system.points.gather(state.gaps.gradient, way)
     weighted = system.points.weights[..., None] * change
 
@@ -482,10 +490,10 @@ def unbalanced_forces(problem: StaticProblem, state: Iterate) -> tuple[FloatArra
 
     On prescribed components the first are minus the forces of the supports.
     """
-    system, step = problem.system, problem.step
-    traction, _ = problem.system.law.tractions(state.gaps.x, state.anchor)
+    system = problem.system
+    traction, _ = system.law.tractions(state.gaps.x, state.anchor)
     forces = system.points.weights[..., None] * traction
-    unbalanced = step.load(state.load_factor) - step.internal_force(state.displacement)
+    unbalanced = problem.step.load(state.load_factor) - state.force
     unbalanced += system.points.scatter(state.gaps.gradient, forces)
     return unbalanced, forces[..., 0]
 

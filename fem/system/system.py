@@ -381,12 +381,13 @@ class System:
         return csr_array(block_diag(blocks, format="csr"))
 
     def internal_force(self, displacement: FloatArray) -> FloatArray:
-        """K u, block by block, (n_nodes, 3) [N]."""
-        force = np.empty_like(displacement)
-        for slot in range(self.n_slots):
-            nodes = self.nodes_of(slot)
-            product = self.body(slot).stiffness @ displacement[nodes].ravel()
-            force[nodes] = product.reshape(-1, 3)
+        """K u, congruent blocks at once, (n_nodes, 3) [N]."""
+        force, body_of = np.empty_like(displacement), self.group_of[self.blocks]
+        for number in np.unique(body_of):
+            slots = np.flatnonzero(body_of == number).tolist()
+            moved = np.stack([displacement[self.nodes_of(slot)] for slot in slots])
+            for slot, own in zip(slots, self.bodies[number].internal_force(moved), strict=True):
+                force[self.nodes_of(slot)] = own
         return force
 
     def localised(self, displacements: tuple[FloatArray, ...]) -> FloatArray:

@@ -18,7 +18,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from itertools import pairwise, permutations
+from itertools import pairwise
 from typing import TypeAlias
 
 import numpy as np
@@ -86,10 +86,8 @@ def _touching_quads(deformable: System, number: int) -> IntArray:
     return np.unique(np.concatenate(mine), axis=0)
 
 
-#: Displacements, and forces of points on the nodes: see `GridStep._factored`.
-_Solve: TypeAlias = Callable[
-    [FloatArray, FloatArray, FloatArray, FloatArray], tuple[FloatArray, FloatArray]
-]
+#: Displacements: see `GridStep._factored`.
+_Solve: TypeAlias = Callable[[FloatArray, FloatArray, FloatArray, FloatArray], FloatArray]
 
 
 @dataclass(frozen=True)
@@ -149,8 +147,6 @@ class GridStep:
         }
         units = [self._of_motions(np.tile(one, (len(self._grids), 1))) for one in np.eye(6)]
         self._turning = TurningNormals(system, np.stack(units))
-        #: Displacements whose K u is known.
-        self._known: list[tuple[FloatArray, FloatArray]] = []
 
     def _place_points(self) -> None:
         """Find which points of each block those of the facets are, and levels of both."""
@@ -235,12 +231,7 @@ class GridStep:
         except UnheldBlocksError:
             # Far from rest turning normals may push: what resists without them leads there.
             solve = self._factored(points, turned.without_stiffness, motions, holding)
-        displacement, pushed = solve(load, bending, rest, lever)
-        self._known = [
-            *((u, force) for u, force in self._known if u is before),
-            (displacement, self._balanced(load + bending + pushed)),
-        ]
-        return displacement
+        return solve(load, bending, rest, lever)
 
     def inverse(self, linear: Linearisation, holding: float = 0.0) -> NodalInverse:
         """Inverse of K + Σ w k ∂x/∂u ∂x/∂uᵀ, with reference normals.
@@ -255,7 +246,7 @@ class GridStep:
         points = stiff, 1.0 / (self._weights[stiff] * slope[stiff])
         motions, bending = np.zeros((len(self._grids), 6)), np.zeros((self._system.n_nodes, 3))
         solve = self._factored(points, self._turning.none, motions, holding)
-        return lambda force: solve(force, bending, np.zeros(len(stiff)), motions)[0]
+        return lambda force: solve(force, bending, np.zeros(len(stiff)), motions)
 
     def _factored(
         self,
@@ -268,8 +259,7 @@ class GridStep:
 
         Springs hold the motions ``before``, (n_slots, 6). The result takes nodal forces, and those
         that bend blocks alone, (n_nodes, 3) [N]; overclosures of the points (n,) [mm] and forces on
-        the motions (n_slots, 6). It returns the displacements, and the forces of the points on the
-        nodes.
+        the motions (n_slots, 6). It returns the displacements.
         """
         facets, (stiff, softness) = self._system.points, points
         levels, members = self._chain(stiff, softness, holding)
@@ -282,7 +272,7 @@ class GridStep:
 
         def solve(
             load: FloatArray, bending: FloatArray, rest: FloatArray, lever: FloatArray
-        ) -> tuple[FloatArray, FloatArray]:
+        ) -> FloatArray:
             loaded = self._displacements(load + bending)
             right = rest + facets.gather(self._reference, loaded).ravel()[stiff]
             balance = lever - self._in_motions(load) - held
@@ -295,7 +285,7 @@ class GridStep:
                 forces[stiff[members[k]]] = result
                 motions[self._members[k]] = alpha.reshape(-1, 6)
             pushed = facets.scatter(self._reference, forces)
-            return loaded + self._displacements(pushed) + self._of_motions(motions), pushed
+            return loaded + self._displacements(pushed) + self._of_motions(motions)
 
         return solve
 
@@ -442,28 +432,11 @@ class GridStep:
         each = zip(self._grids, motions, strict=True)
         return self._to_nodes([grid.rigid @ motion for grid, motion in each])
 
-    def _balanced(self, forces: FloatArray) -> FloatArray:
-        """Nodal forces (n_nodes, 3) [N] without those on motions of the blocks."""
-        shares = zip(self._grids, self._in_motions(forces), strict=True)
-        on_motions = [np.linalg.solve(grid.rigid.T @ grid.rigid, share) for grid, share in shares]
-        return forces - self._of_motions(np.stack(on_motions))
-
     # ---- what all steps have
 
     def internal_force(self, displacement: FloatArray) -> FloatArray:
-        """K u, (n_nodes, 3) [N]; of what was solved for, and of the way there, from its balance."""
-        for known, force in self._known:
-            if known is displacement:
-                return force
-        for (end, at_end), (begin, at_begin) in permutations(self._known, 2):
-            if np.array_equal(displacement, end - begin):
-                return at_end - at_begin
-        result, system = np.empty_like(displacement), self._system
-        for slot in range(system.n_slots):
-            nodes, block = system.nodes_of(slot), system.body(slot)
-            result[nodes] = block.internal_force(displacement[nodes][None])[0]
-        self._known.append((displacement, result))
-        return result
+        """K u, (n_nodes, 3) [N]."""
+        return self._system.internal_force(displacement)
 
     def load(self, share: float) -> FloatArray:
         """Loads at a share of a path, (n_nodes, 3) [N]."""
