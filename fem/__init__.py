@@ -45,9 +45,8 @@ if TYPE_CHECKING:
     from fem.element.hexahedron import ElementType
     from fem.element.material import Material, concrete
     from fem.method import Explicit, Static
-    from fem.problem import Problem
+    from fem.problem import Frames, Problem
     from fem.system.effects import BulkViscosity, RayleighDamping
-    from fem.system.frames import Frames
 
 __all__ = [
     "BulkViscosity",
@@ -77,7 +76,7 @@ _PLACES = {
     "ElementType": "fem.element.hexahedron",
     "Explicit": "fem.method",
     "ExponentialLaw": "fem.contact.law",
-    "Frames": "fem.system.frames",
+    "Frames": "fem.problem",
     "LinearPenalty": "fem.contact.law",
     "PairLaws": "fem.contact.pair_laws",
     "Material": "fem.element.material",

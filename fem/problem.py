@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import KW_ONLY, dataclass, field, fields, replace
+from enum import StrEnum
 from functools import cached_property
 from numbers import Real
 from typing import TYPE_CHECKING, Any, cast
@@ -28,7 +29,6 @@ from fem.element.material import (
     each_material,
     one_strength,
 )
-from fem.system.frames import Frames
 from geometry.assembly import Assembly, spacing_offsets
 from geometry.block import Block
 from geometry.errors import RefusedError, is_number
@@ -48,6 +48,15 @@ _LEAST_OVERLAP = 1e-3
 _HIGHEST_DEGREE = 8
 #: Most elements along an edge of a solid.
 _MOST_DIVISIONS = 1000
+
+
+class Frames(StrEnum):
+    """How the blocks that the load case holds are modelled."""
+
+    RIGID = "rigid"
+    """They do not move or deform."""
+    DEFORMABLE = "deformable"
+    """They deform and are held at their outer faces."""
 
 
 class ProblemError(RefusedError):
@@ -271,7 +280,8 @@ class Problem:
         if not self.is_solid and self.blocks.image_of is not None:
             from fem.system.build import check_cell
 
-            check_cell(self.blocks, self.frames, finite_sliding=self.finite_sliding)
+            rigid = self.frames is Frames.RIGID
+            check_cell(self.blocks, rigid=rigid, finite_sliding=self.finite_sliding)
 
     def _check_blocks(self) -> None:
         """Reject blocks that no solver has a state of; solvers go on with what is found here."""
@@ -287,13 +297,13 @@ class Problem:
             check_contacts(blocks, _supported(load))
             return
         from fem.system.build import check_held
-        from fem.system.overlaps import check_overlaps
+        from geometry.meshing.overlaps import check_mesh_overlaps
 
         for shape in blocks.shapes:
             if shape.charts is None:  # those of families are checked when they are made
                 check_mesh(shape.mesh, shape.name)
         least = _LEAST_OVERLAP * blocks.characteristic_length
-        check_overlaps(blocks, max(self.contact_law.largest_initial_overclosure, least))
+        check_mesh_overlaps(blocks, max(self.contact_law.largest_initial_overclosure, least))
         deforms = self.deforming
         if self.searches:
             return

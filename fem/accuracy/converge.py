@@ -86,7 +86,7 @@ class AccuracyError(RefusedError):
 
 
 @dataclass(frozen=True)
-class Progress:
+class MeshProgress:
     """What is known between two meshes."""
 
     rung: int
@@ -166,7 +166,7 @@ def converge(
     otherwise: Mapping[str, float] | None = None,
     options: StaticOptions = OPTIONS,
     max_seconds: float | None = None,
-    progress: Callable[[Progress], None] | None = None,
+    progress: Callable[[MeshProgress], None] | None = None,
     ladder: Ladder | None = None,
 ) -> Converged:
     """Solve on finer and finer meshes until the error bars are as narrow as requested.
@@ -224,7 +224,7 @@ def converge(
         if progress is not None:
             seconds = 0.0 if last is None else _expected_seconds(stated, last)
             unknowns = round(_unknowns(stated))
-            progress(Progress(number, len(ladder), unknowns, told, seconds))
+            progress(MeshProgress(number, len(ladder), unknowns, told, seconds))
         try:
             with budget(ends=math.inf if last is None else ends):
                 if last is not None and number == _FOR_BARS:

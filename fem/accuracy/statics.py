@@ -13,7 +13,7 @@ from fem.accuracy.converge import (
     MOST_SECONDS,
     AccuracyError,
     Converged,
-    Progress,
+    MeshProgress,
     bars_under,
     check_refinable,
     checked_targets,
@@ -63,7 +63,7 @@ def solve_static(
     *,
     otherwise: Mapping[str, float] | None = None,
     store: FlexibilityStore | None = None,
-    progress: Callable[[Progress | str], None] | None = None,
+    progress: Callable[[MeshProgress | str], None] | None = None,
     on_frame: Callable[[Frame], None] | None = None,
 ) -> Answer:
     """Solve for the static state, by Newton's method, on meshes as fine as its accuracy needs.
@@ -82,7 +82,7 @@ def solve_static(
     store
         Of one call for the next on the mesh of the problem: the same blocks are condensed once.
     progress
-        Called with what comes next: a mesh (`Progress`), or a stage in words.
+        Called with what comes next: a mesh (`MeshProgress`), or a stage in words.
     on_frame
         Called with ``method.frames`` states under parts of the load.
 
@@ -154,7 +154,7 @@ class _Follower:
     """Who is told what a run is at."""
 
     watch: Stages
-    tell: Callable[[Progress | str], None]
+    tell: Callable[[MeshProgress | str], None]
     on_frame: Callable[[Frame], None] | None
 
 

@@ -25,10 +25,10 @@ from fem.contact.pieces import (
     area_of,
     clip,
     fine_points,
-    gauss_points,
     moment_points,
     natural_coordinates,
-    shape_values,
+    quad_functions,
+    quad_points,
     sliver_points,
     width,
 )
@@ -80,7 +80,7 @@ def _cross(a, b, out):
 @njit(**_OPTIONS)
 def _frame(corners, xi, values, x, first, second):
     """Point of a facet (4, 3) and its tangents at natural coordinates."""
-    shape_values(xi, values)
+    quad_functions(xi, values)
     for i in range(3):
         x[i], first[i], second[i] = 0.0, 0.0, 0.0
         for a in range(4):
@@ -217,7 +217,7 @@ def _within(own, flat, other, at, many, bounds, xi, work):
     least, most, out, mean = np.inf, -np.inf, 0.0, 0.0
     for p in range(many):
         natural_coordinates(flat, at[p], xi[p, 0])
-        shape_values(xi[p, 0], values)
+        quad_functions(xi[p, 0], values)
         _lift(values, own, point)
         xi[p, 1, 0], xi[p, 1, 1] = 0.0, 0.0
         gap = closest_point(other, point, xi[p, 1], work)
@@ -380,7 +380,7 @@ def cut_facets(
                 many = fine_points(pieces[c], n, at, part)
             elif n == 4:
                 many = 4
-                gauss_points(pieces[c], at, part)
+                quad_points(pieces[c], at, part)
             else:
                 many = 3
                 part[:] = moment_points(pieces[c], n, at) / 3.0
@@ -388,7 +388,7 @@ def cut_facets(
             _box(flat, pieces[c], n, box, work[0])
             for p in range(many):
                 if count < len(slave):
-                    shape_values(pair[p, 0], values)
+                    quad_functions(pair[p, 0], values)
                     slave[count], facet[count] = f, near[which[c]]
                     for a in range(4):
                         shapes[count, a] = values[a, 0]

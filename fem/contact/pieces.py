@@ -46,7 +46,7 @@ _RADON_WEIGHTS = (
 
 
 @njit(**_OPTIONS)
-def shape_values(xi, values):
+def quad_functions(xi, values):
     """Bilinear shape functions and their two slopes at natural coordinates, (4, 3)."""
     for a in range(4):
         r = -1.0 if a in (0, 3) else 1.0
@@ -175,7 +175,7 @@ def three_points(x, y, xx, xy, yy, points):
 
 
 @njit(**_OPTIONS)
-def gauss_points(quad, points, weights):
+def quad_points(quad, points, weights):
     """2 × 2 Gauss points of a plane quadrilateral and their areas."""
     values, xi = np.empty((4, 3)), np.empty(2)
     for k in range(4):
@@ -187,7 +187,7 @@ def gauss_points(quad, points, weights):
 @njit(**_OPTIONS)
 def in_quadrilateral(quad, xi, values, point):
     """Point of a plane quadrilateral at natural coordinates; its area over that in them."""
-    shape_values(xi, values)
+    quad_functions(xi, values)
     rx, ry, sx, sy = 0.0, 0.0, 0.0, 0.0
     point[0], point[1] = 0.0, 0.0
     for a in range(4):
@@ -234,7 +234,7 @@ def natural_coordinates(quad, point, xi):
     values = np.empty((4, 3))
     xi[0], xi[1] = 0.0, 0.0
     for _ in range(SEARCH_STEPS):
-        shape_values(xi, values)
+        quad_functions(xi, values)
         px, py, rx, ry, sx, sy = point[0], point[1], 0.0, 0.0, 0.0, 0.0
         for a in range(4):
             px -= values[a, 0] * quad[a, 0]

@@ -102,7 +102,7 @@ def _stretch(nodes: FloatArray, slopes: FloatArray) -> FloatArray:
     return np.linalg.norm(np.cross(first, second), axis=1)
 
 
-def facet_area_vectors(corners: FloatArray) -> FloatArray:
+def corner_area_vectors(corners: FloatArray) -> FloatArray:
     """Vector areas of facets (n, 4, 3): (n, 3) [mm²]."""
     return 0.5 * np.cross(corners[:, 2] - corners[:, 0], corners[:, 3] - corners[:, 1])
 
@@ -164,7 +164,7 @@ class FacingPoints:
     def _ending_edges(self) -> BoolArray:
         """Edges at which surfaces end, of facets that match none, (n_facets, 4)."""
         corners = self.position[self.quads]
-        vectors = facet_area_vectors(corners)
+        vectors = corner_area_vectors(corners)
         normals = vectors / np.linalg.norm(vectors, axis=1, keepdims=True)
         matching = matching_facets(corners, normals, self.facet_block, self.farthest)
         return ending_edges(self.quads, normals) & ~matching[:, None]
@@ -240,7 +240,7 @@ class FacingPoints:
         corners = self.position[self.quads]
         self._centre = corners.mean(axis=1)
         self._radius = np.linalg.norm(corners - self._centre[:, None], axis=2).max(axis=1)
-        vectors = facet_area_vectors(corners)
+        vectors = corner_area_vectors(corners)
         self._normal = vectors / np.linalg.norm(vectors, axis=1, keepdims=True)
         result = [
             (*self._near_facets(m, s), share) for m, s, share in self._near_blocks(self.farthest)

@@ -364,8 +364,8 @@ def contact_surfaces(
     quads_s = _facet_nodes(assembly, interfaces.block_s, interfaces.quads_s)
     # Far from the world's origin differences of places have fewer digits.
     origin = assembly.centroids.mean(axis=0)
-    nodes_m = facet_corners(assembly, interfaces.block_m, quads_m, origin)
-    nodes_s = facet_corners(assembly, interfaces.block_s, quads_s, origin)
+    nodes_m = placed_corners(assembly, interfaces.block_m, quads_m, origin)
+    nodes_s = placed_corners(assembly, interfaces.block_s, quads_s, origin)
     m, s = interfaces.block_m, interfaces.block_s
     apart = None if moved is None else moved[s] - moved[m]
     return matched_facets(
@@ -390,7 +390,7 @@ def _facet_nodes(assembly: Assembly, blocks: IntArray, quads: IntArray) -> IntAr
     return result
 
 
-def facet_corners(
+def placed_corners(
     assembly: Assembly, blocks: IntArray, quads: IntArray, origin: FloatArray | float = 0.0
 ) -> FloatArray:
     """Positions of nodes of facets (n, m) from an origin on, world axes, (n, m, 3) [mm]."""

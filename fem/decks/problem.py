@@ -17,7 +17,7 @@ from fem.decks.laws import law_notes
 from fem.decks.loads import check_loads
 from fem.decks.placement import canonical
 from fem.decks.supports import DeckSupports, check_springs
-from fem.decks.write import write_deck as write_statement
+from fem.decks.write import write_deck_file
 from fem.element.hexahedron import ElementType
 from fem.method import Explicit, Static
 from fem.problem import Problem, require_problem
@@ -82,7 +82,7 @@ def write_deck(
     if path.suffix.lower() != ".inp":
         raise DeckError(f"{path}: expected a file name that ends in .inp")
     deck = problem_deck(problem, _FLAVOURS[program], method)
-    write_whole(path, lambda partial: write_statement(partial, deck))
+    write_whole(path, lambda partial: write_deck_file(partial, deck))
     return path
 
 

@@ -13,10 +13,9 @@ import numpy as np
 
 from fem.decks.deck import ALL, FRAME, LOADING, Deck, Flavour
 from fem.decks.keywords import DeckError, entry_lines, keyword, label, real, reals
-from fem.problem import Problem
+from fem.problem import Frames, Problem
 from fem.system.build import held_faces
 from fem.system.forces import traction_forces
-from fem.system.frames import Frames
 from geometry.mesh import FloatArray
 from geometry.parts.regions import region_nodes, region_quads
 from geometry.parts.supports import HeldFace

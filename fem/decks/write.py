@@ -26,7 +26,7 @@ def deck_lines(deck: Deck) -> Iterator[str]:
     return calculix_lines(deck) if deck.is_flat else abaqus_lines(deck)
 
 
-def write_deck(path: Path, deck: Deck) -> dict[str, int]:
+def write_deck_file(path: Path, deck: Deck) -> dict[str, int]:
     """Write a deck; give a temporary path and rename it when whole.
 
     Returns

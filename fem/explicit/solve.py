@@ -35,7 +35,7 @@ from fem.explicit.output.checkpoint import (
     write_checkpoint,
 )
 from fem.explicit.output.energy import Energies, History, copy_energies, energies
-from fem.explicit.output.support_forces import support_forces
+from fem.explicit.output.support_forces import forces_of_supports
 from fem.explicit.state import BodyState, Lanes, initial_body_state, world_vectors
 from fem.explicit.step import (
     ExplicitSystem,
@@ -527,7 +527,7 @@ class _Loop:
         time = number * system.time_step
         self.energies = energies(system, state)
         if self.moving:
-            forces = system.stated.expand(support_forces(system, state, time))
+            forces = system.stated.expand(forces_of_supports(system, state, time))
             self.history.pushes.append((time, *(each.force(forces) for each in self.moving)))
         self.history.observe(self.energies)
         watch(system, state, self.history)

@@ -12,7 +12,7 @@ from fem.contact.law import COUNTED_PRESSURE
 from fem.system.body import Body, ModelError
 from fem.system.effects import Effects
 from fem.system.model import InteractionModel, refuse_turning_springs
-from fem.system.system import System, free_motions
+from fem.system.system import System, unresisted_motions
 from fem.system.time_step import CriticalTimeStep, critical_time_step
 from geometry.mesh import FloatArray, IntArray
 
@@ -119,7 +119,7 @@ class TimedSystem:
 
     def of_system(self, vectors: tuple[FloatArray, ...]) -> FloatArray:
         """The same of the nodes of the system, block frames, (n_nodes, 3)."""
-        moved, free = self.in_system(vectors), free_motions(self.system)
+        moved, free = self.in_system(vectors), unresisted_motions(self.system)
         return moved if free is None else free.without(moved)
 
     def in_system(self, vectors: tuple[FloatArray, ...]) -> FloatArray:

@@ -18,7 +18,7 @@ from fem.state import State
 from fem.static.linear_step.flexibility import FlexibilityStore
 from fem.static.newton import start_iterate
 from fem.static.path import StaticOptions, follow
-from fem.static.result import StaticError, load_factors, refined
+from fem.static.result import StaticError, doubled, load_factors
 from fem.static.solve import beginning, problem_of, with_evidence
 from fem.system.reactions import Forces, MovingSupport, PushCurve, moving_supports
 from fem.system.system import System
@@ -60,7 +60,7 @@ def solve_history(
     least = max(options.load_steps, _INCREMENTS)
     if options.load_tolerance is None:
         return in_parts(least)
-    return refined(in_parts, least, options.load_tolerance)
+    return doubled(in_parts, least, options.load_tolerance)
 
 
 def _through(stages: Sequence[System], options: StaticOptions, store: FlexibilityStore) -> State:

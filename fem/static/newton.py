@@ -36,7 +36,7 @@ from fem.static.linear_step.linearisation import (
     coarsened,
 )
 from fem.static.result import StaticError
-from fem.system.system import FreeMotions, System, free_motions
+from fem.system.system import FreeMotions, System, unresisted_motions
 from geometry.machine.work import Operation, count
 from geometry.mesh import FloatArray
 
@@ -91,7 +91,7 @@ class StaticProblem:
     @cached_property
     def free(self) -> FreeMotions | None:
         """Motions that nothing resists."""
-        return free_motions(self.system, self.step.kept)
+        return unresisted_motions(self.system, self.step.kept)
 
     @cached_property
     def farthest_overclosure(self) -> FloatArray:
@@ -200,7 +200,7 @@ def localised(system: System, start: tuple[FloatArray, ...]) -> FloatArray:
     return system.localised(start)
 
 
-def converge(problem: StaticProblem, state: Iterate) -> Iterate:
+def newton(problem: StaticProblem, state: Iterate) -> Iterate:
     """Iterate to an equilibrium, or until nothing has improved for a while."""
     slips, force = state.gaps.x[..., 1:], problem.step.internal_force(state.displacement)
     state = replace(state, at=np.concatenate([state.at[..., :1], slips], axis=2), force=force)

@@ -21,14 +21,14 @@ from fem.static.newton import (
     Iterate,
     StaticProblem,
     bounded,
-    converge,
     frictions,
     held_in_motion,
+    newton,
     support_forces,
 )
 from fem.static.result import StaticError, load_factors
 from fem.system.forces import TabularAmplitude
-from fem.system.system import free_motions
+from fem.system.system import unresisted_motions
 from geometry.errors import is_number
 from geometry.mesh import FloatArray, IntArray
 
@@ -114,7 +114,7 @@ def follow(
     path: Sequence[Target],
     *,
     known: Known = (),
-    search: Search | None = None,
+    search: PointSearch | None = None,
 ) -> list[State]:
     """Find the states at the points of a path, one after the other; those of a motion are cut.
 
@@ -194,7 +194,7 @@ def follow(
 def state_at(problem: StaticProblem, last: Iterate) -> State:
     """State of all nodes from the last iterate of a point of a path."""
     system, displacement = problem.system, completed(problem, last)
-    whole = free_motions(system)
+    whole = unresisted_motions(system)
     if whole is not None:
         displacement = whole.without(displacement)
     return State(
@@ -214,7 +214,7 @@ def _equilibrium(
     problem: StaticProblem,
     state: Iterate,
     begin: FloatArray,
-    search: Search | None,
+    search: PointSearch | None,
 ) -> tuple[StaticProblem, Iterate, bool]:
     """Take a state, or a guess of it, to its own point of the path from that before, at ``begin``.
 
@@ -222,7 +222,7 @@ def _equilibrium(
     """
     if search is not None:
         return search.equilibrium(problem, state, begin)
-    reached = converge(problem, state)
+    reached = newton(problem, state)
     if not reached.gaps.x.size:  # linear: what more steps change is the round-off of slender blocks
         within = reached.residuals[-1] <= _ROUND_OFF
         return problem, replace(reached, converged=reached.converged or within), True
@@ -277,7 +277,7 @@ def load_path(problem: StaticProblem, options: StaticOptions, parts: int) -> lis
 
 
 @dataclass
-class Search:
+class PointSearch:
     """Points that follow the motion along a path."""
 
     points: FacingPoints
@@ -309,7 +309,7 @@ class Search:
                 converged=False,
             )
             before = state.displacement
-            state = converge(problem, state)
+            state = newton(problem, state)
             moved = float(np.abs(state.displacement - before).max())
             if not state.converged and aim[1] is None and moved > points.skin and tries:
                 # Where blocks move to, others may stop them.

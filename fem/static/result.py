@@ -57,7 +57,7 @@ def path_change(coarse: State, fine: State) -> float:
     return max(abs(a - b) / abs(b) if b else float(a != b) for a, b in pairs)
 
 
-def refined(solve: Callable[[int], State], parts: int, tolerance: float) -> State:
+def doubled(solve: Callable[[int], State], parts: int, tolerance: float) -> State:
     """Double the parts of the load until that changes the answer by less than a tolerance.
 
     Returns

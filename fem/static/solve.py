@@ -34,15 +34,15 @@ from fem.static.newton import (
 from fem.static.path import (
     ElasticSlips,
     Known,
-    Search,
+    PointSearch,
     StaticMethod,
     StaticOptions,
     completed,
     follow,
     load_path,
 )
-from fem.static.result import StaticError, refined
-from fem.system.loose import loose_blocks, require_held
+from fem.static.result import StaticError, doubled
+from fem.system.loose import loose_blocks, require_supported
 from fem.system.reactions import moving_supports
 from fem.system.sector import (
     cyclic_orbits,
@@ -127,7 +127,7 @@ def solve_static(
             )
         return result
 
-    return refined(in_parts, options.load_steps, change)
+    return doubled(in_parts, options.load_steps, change)
 
 
 def _load(
@@ -193,10 +193,10 @@ def beginning(
     options: StaticOptions,
     store: FlexibilityStore,
     start: tuple[FloatArray, ...] | None = None,
-) -> tuple[StaticProblem, Search | None]:
+) -> tuple[StaticProblem, PointSearch | None]:
     """The problem of a system, and points that follow the motion where contact is searched."""
     if not system.meets:
-        require_held(system)
+        require_supported(system)
     near = None if start is None else localised(system, start)
     if not system.contact.finite_sliding:
         return problem_of(system, options, store, near), None
@@ -204,7 +204,7 @@ def beginning(
     anew = partial(_searched_anew, options=options, points=points, store=store)
     problem = problem_of(system.on(_found(points, system)), options, store)
     begin = np.zeros((system.n_nodes, 3)) if near is None else near
-    return problem, Search(points, anew, ElasticSlips.none(points), begin)
+    return problem, PointSearch(points, anew, ElasticSlips.none(points), begin)
 
 
 def _found(points: FacingPoints, system: System) -> SearchedPoints:
@@ -286,10 +286,10 @@ def _searched_anew(
     points.displace(tuple(system.expand(everywhere)))
     points.search()
     there = problem_of(system.on(_found(points, system)), options, store)
-    return there, placed(there, state, everywhere)
+    return there, linearised_at(there, state, everywhere)
 
 
-def placed(problem: StaticProblem, state: Iterate, displacement: FloatArray) -> Iterate:
+def linearised_at(problem: StaticProblem, state: Iterate, displacement: FloatArray) -> Iterate:
     """A state of a problem linearised at displacements of all nodes, (n_nodes, 3) [mm]."""
     kept = problem.step.kept(displacement)
     gaps = problem.system.points.gaps(kept)

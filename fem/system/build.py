@@ -32,7 +32,6 @@ from fem.system.forces import (
     traction_forces,
     wrench_forces,
 )
-from fem.system.frames import Frames
 from fem.system.model import Amplitude, NodalLoad, Support, fixed_nodes
 from fem.system.springs import Springs, springs_on
 from geometry.assembly import Assembly
@@ -80,9 +79,9 @@ def curved(assembly: Assembly, degree: int) -> Assembly:
     return replace(assembly, shapes=shapes)
 
 
-def check_cell(assembly: Assembly, frames: Frames, *, finite_sliding: bool) -> None:
-    """Reject what a periodic cell does not have."""
-    if frames is Frames.DEFORMABLE:
+def check_cell(assembly: Assembly, *, rigid: bool, finite_sliding: bool) -> None:
+    """Reject what a periodic cell does not have: ``rigid`` says how its fixed blocks would be."""
+    if not rigid:
         raise DeformableAssemblyError(
             f"{assembly.name}: a periodic cell has no frame to deform; expected rigid frames"
         )

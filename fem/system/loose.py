@@ -68,7 +68,7 @@ def loose_blocks(
     return moving[np.isin(representative[moving], loose)]
 
 
-def require_held(system: System) -> None:
+def require_supported(system: System) -> None:
     """Reject supports and springs that leave a rigid motion of a block that meets no other.
 
     Raises

@@ -18,7 +18,7 @@ from fem.contact.surfaces import (
     CurrentFrame,
     MatchedFacets,
     corner_overclosures,
-    facet_corners,
+    placed_corners,
 )
 from fem.element.facet import facet_areas, facet_functions
 from fem.system.system import System
@@ -301,7 +301,7 @@ def contact_state(
     sides = ((points.block_m, points.quads_m), (points.block_s, points.quads_s))
     nodes = moved + np.concatenate(
         [
-            facet_corners(deformable.assembly, block, quads) + deformable.offsets[block][:, None]
+            placed_corners(deformable.assembly, block, quads) + deformable.offsets[block][:, None]
             for block, quads in sides
         ],
         axis=1,

@@ -469,7 +469,7 @@ class FreeMotions:
         return np.einsum("kni,ni->k", self.motions, vector)
 
 
-def free_motions(
+def unresisted_motions(
     system: System, kept: Callable[[FloatArray], FloatArray] = lambda moved: moved
 ) -> FreeMotions | None:
     """Motions of a periodic cell as a whole that no support or spring resists; None: none.

@@ -29,7 +29,7 @@ STATEMENT = {
     *("fem.contact", "fem.contact.law", "fem.contact.own_law", "fem.contact.pair_laws"),
     *("fem.contact.friction", "fem.contact.normals"),
     *("fem.element", "fem.element.hexahedron", "fem.element.functions", "fem.element.material"),
-    *("fem.system", "fem.system.effects", "fem.system.frames"),
+    *("fem.system", "fem.system.effects"),
 }
 #: Parts of scipy that a rigid tube does without.
 UNUSED_SCIPY = {"spatial", "special", "optimize", "interpolate", "stats", "integrate", "fft"}

@@ -27,9 +27,9 @@ from fem.decks.read.cards import Card, read_cards
 from fem.decks.read.deck import deck_of_lines
 from fem.decks.read.model import effects_of
 from fem.decks.write import deck_lines
+from fem.problem import Frames
 from fem.static.solve import solve_static
 from fem.system.effects import BulkViscosity, RayleighDamping
-from fem.system.frames import Frames
 from geometry import Assembly
 from geometry.block import box_block
 from geometry.families.sine_block import SineBlockDivisions

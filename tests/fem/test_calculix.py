@@ -16,7 +16,7 @@ from fem.decks.laws import TABLE_POINTS, law_table
 from fem.decks.problem import problem_deck
 from fem.decks.read.cards import read_cards
 from fem.decks.read.deck import deck_of_lines
-from fem.decks.write import deck_lines, write_deck
+from fem.decks.write import deck_lines, write_deck_file
 from fem.problem import Motion
 from fem.static.solve import solve_static
 from fem.system.effects import RayleighDamping
@@ -126,7 +126,7 @@ def test_meshio_reads_the_flat_deck(tmp_path: Path) -> None:
 
     deck = tube_deck(COARSE)
     path = tmp_path / "flat.inp"
-    write_deck(path, deck)
+    write_deck_file(path, deck)
     mesh = meshio.read(path)
     ours = np.concatenate([deck.nodes(b) for b in range(deck.assembly.n_blocks)])
     assert np.abs(mesh.points - ours).max() < 1e-13 * np.abs(ours).max()
@@ -286,7 +286,7 @@ def test_converter_expands_every_instance_and_drops_nothing(tmp_path: Path, case
     load = named_load(case, 0.01).on(assembly)
     deck = problem_deck(Problem(assembly, load, concrete), Flavour.STANDARD)
     path = tmp_path / "pairs.inp"
-    write_deck(path, deck)
+    write_deck_file(path, deck)
     result = abq2ccx.convert_file(str(path))
     assert result.ok
     assert len(result.report.instances) == assembly.n_blocks

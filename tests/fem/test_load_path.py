@@ -10,9 +10,9 @@ from fem.static.history import solve_history
 from fem.static.result import (
     LOAD_TOLERANCE,
     MOST_PARTS,
+    doubled,
     load_factors,
     path_change,
-    refined,
 )
 from fem.static.solve import StaticOptions, solve_static
 from tests.support.pressed_pipe import pipe, sheared_column
@@ -76,12 +76,12 @@ def test_the_finest_parts_that_converge_are_the_answer():
     """Parts that find no equilibrium are no reference for others."""
     good = solve_static(sheared_column(0.2, CoulombFriction(0.3)))
     bad = replace(good, evidence=replace(good.evidence, converged=False))
-    found = refined({1: bad, 2: good, 4: good}.__getitem__, 1, 0.1)
+    found = doubled({1: bad, 2: good, 4: good}.__getitem__, 1, 0.1)
     assert found.converged
     assert found.evidence.coarser is good
-    assert refined(lambda parts: good if parts == 1 else bad, 1, 0.1) is good
-    assert refined(lambda parts: good if parts == MOST_PARTS else bad, 1, 0.1) is good
-    assert refined(lambda _: bad, 1, 0.1) is bad
+    assert doubled(lambda parts: good if parts == 1 else bad, 1, 0.1) is good
+    assert doubled(lambda parts: good if parts == MOST_PARTS else bad, 1, 0.1) is good
+    assert doubled(lambda _: bad, 1, 0.1) is bad
 
 
 def test_a_state_is_not_compared_with_itself():
@@ -94,7 +94,7 @@ def test_a_state_is_not_compared_with_itself():
         asked.append(parts)
         return replace(good, evidence=replace(good.evidence, load_steps=max(parts, 4)))
 
-    found = refined(solve, 1, 0.1)
+    found = doubled(solve, 1, 0.1)
     coarser = found.evidence.coarser
     assert asked == [1, 8]
     assert coarser is not None

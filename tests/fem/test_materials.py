@@ -25,7 +25,7 @@ from fem import (
 from fem.accuracy.one_mesh import static_state
 from fem.decks.deck import Flavour
 from fem.decks.problem import problem_deck
-from fem.decks.write import write_deck
+from fem.decks.write import write_deck_file
 from geometry import SineBlock, pipe, tube
 from geometry.block import box_block
 from geometry.families.boxes import ColumnBox, box_column
@@ -79,7 +79,7 @@ def test_decks_have_a_material_for_each_part(flavour: Flavour, tmp_path: Path) -
     even = replace(column(), blocks=box_column([ColumnBox((20.0, 20.0, 50.0), (2, 2, 2))] * 2))
     load = LoadCase(even.blocks, "pressed", even.load_case.faces, np.array([True, False]))
     deck = problem_deck(replace(even, load=load), flavour)
-    write_deck(tmp_path / "two.inp", deck)
+    write_deck_file(tmp_path / "two.inp", deck)
     read = read_deck(tmp_path / "two.inp").problem()
     assert read.materials == (SOFT, STIFF)
     if flavour is Flavour.STANDARD:
@@ -92,7 +92,7 @@ def test_decks_have_a_material_for_each_part(flavour: Flavour, tmp_path: Path) -
 def test_calculix_on_the_deck_of_two_materials(tmp_path: Path) -> None:
     """Its increments end at a residual of 1e-6; friction holds the upper box in place."""
     deck = problem_deck(column(friction=CoulombFriction(0.3, 1e3)), Flavour.CALCULIX)
-    write_deck(tmp_path / "two.inp", deck)
+    write_deck_file(tmp_path / "two.inp", deck)
     found = run_calculix(tmp_path / "two.inp").displacements
     assert -found[:, 2].min() == pytest.approx(series(), rel=1e-4)
 

@@ -20,7 +20,7 @@ from fem import ElementType, Explicit, ExponentialLaw, Problem, concrete
 from fem.decks.deck import Deck, Flavour
 from fem.decks.faces import half_facet_angle
 from fem.decks.problem import problem_deck
-from fem.decks.write import write_deck
+from fem.decks.write import write_deck_file
 from fem.explicit.setup.timed_system import timed_system
 from fem.explicit.solve import solve
 from fem.state import State
@@ -136,7 +136,7 @@ def bar_deck() -> Deck:
 def calculix_of(deck: Deck, folder: Path) -> CalculixResult:
     """Write a deck into a folder and run CalculiX on it."""
     path = folder / f"{deck.name}.inp"
-    write_deck(path, deck)
+    write_deck_file(path, deck)
     return run_calculix(path)
 
 
@@ -145,7 +145,7 @@ def calculix_through_converter(deck: Deck, folder: Path) -> CalculixResult:
     import abq2ccx
 
     source, target = folder / f"{deck.name}.inp", folder / f"{deck.name}-converted.inp"
-    write_deck(source, problem_deck(deck.problem, Flavour.STANDARD, name=deck.name))
+    write_deck_file(source, problem_deck(deck.problem, Flavour.STANDARD, name=deck.name))
     text = abq2ccx.convert_file(str(source)).text
     n_nodes = sum(deck.assembly.shape(b).mesh.n_nodes for b in range(deck.assembly.n_blocks))
     every = f"*NSET, NSET=PRINTED, GENERATE\n1, {n_nodes}, 1\n"

@@ -10,8 +10,7 @@ from fem.contact.friction import CoulombFriction
 from fem.contact.law import ContactLaw
 from fem.contact.pair_laws import PairLaws
 from fem.method import Static
-from fem.problem import Problem
-from fem.system.frames import Frames
+from fem.problem import Frames, Problem
 from geometry.assembly import Assembly
 from geometry.loads import LoadCase
 from geometry.machine.work import LimitError, budget

@@ -14,7 +14,7 @@ from scipy.spatial import KDTree
 
 from fem.decks.deck import Deck, Flavour
 from fem.decks.problem import problem_deck
-from fem.decks.write import write_deck
+from fem.decks.write import write_deck_file
 from fem.element.hexahedron import ElementType
 from fem.element.material import Material
 from fem.measures import load_step_change
@@ -71,7 +71,7 @@ def _write(deck: Deck, path: Path, start: float) -> WrittenDeck:
     prepare_file(path)
     keywords: dict[str, int] = {}
     with named(deck.name):
-        write_whole(path, lambda partial: keywords.update(write_deck(partial, deck)))
+        write_whole(path, lambda partial: keywords.update(write_deck_file(partial, deck)))
     return WrittenDeck(deck, path, path.stat().st_size, keywords, time.process_time() - start)
 
 

@@ -19,7 +19,7 @@ from fem.contact.search import (
     BlockSurface,
     FacingPoints,
     SearchedPoints,
-    facet_area_vectors,
+    corner_area_vectors,
     points_of_search,
 )
 from fem.element.facet import facet_functions
@@ -79,7 +79,7 @@ def surface_areas(
     largest = tuple(map(np.zeros, n_nodes))
     for surface in surfaces:
         if surface.group >= 0:
-            area = np.linalg.norm(facet_area_vectors(surface.reference[surface.quads]), axis=1)
+            area = np.linalg.norm(corner_area_vectors(surface.reference[surface.quads]), axis=1)
             corners = np.broadcast_to(0.25 * moving * area[:, None], surface.quads.shape)
             at = surface.nodes[surface.quads].ravel()
             total = np.bincount(at, corners.ravel(), n_nodes[surface.group])

@@ -8,7 +8,7 @@ from fem.explicit.step import ExplicitSystem, damped_internal_force
 from geometry.mesh import FloatArray
 
 
-def support_forces(system: ExplicitSystem, state: Lanes, time: float) -> tuple[FloatArray, ...]:
+def forces_of_supports(system: ExplicitSystem, state: Lanes, time: float) -> tuple[FloatArray, ...]:
     """Unbalanced forces at a time [s], world axes, (n_copies, n_nodes, 3) [N] of each group.
 
     Of the forces that the state holds. Along what a support holds they are those of the support,

@@ -10,7 +10,7 @@ from fem.explicit.body import LaneBody
 from fem.explicit.kernels.layout import to_lanes
 from fem.explicit.state import Lanes
 from fem.explicit.step import ExplicitSystem, Interaction, placed_internal_force
-from fem.system.system import System, free_motions
+from fem.system.system import System, unresisted_motions
 from geometry.mesh import FloatArray, IntArray
 
 
@@ -94,9 +94,9 @@ def cell_hold(system: System, blocks: tuple[IntArray, ...]) -> CellHold | None:
     blocks
         Representatives of each group in the order of their copies.
     """
-    everywhere = free_motions(system)
+    everywhere = unresisted_motions(system)
     contact = np.isin(np.arange(system.n_nodes), system.points.rows)
-    at_contacts = free_motions(system, lambda moved: moved * contact[:, None])
+    at_contacts = unresisted_motions(system, lambda moved: moved * contact[:, None])
     if everywhere is None or at_contacts is None:
         return None
 

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 _SAME = 1e-9
 
 
-def check_overlaps(assembly: Assembly, tolerance: float) -> None:
+def check_mesh_overlaps(assembly: Assembly, tolerance: float) -> None:
     """Reject blocks that lie deeper in each other than a tolerance [mm].
 
     Corners and middles of facets and of elements are looked at. Pairs of equal shapes in equal

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from fem.system.overlaps import check_overlaps
 from geometry.assembly import Assembly
 from geometry.families.boxes import ColumnBox, box_column
+from geometry.meshing.overlaps import check_mesh_overlaps
 from geometry.parts.placed import AssemblyError
 
 pytestmark = pytest.mark.quick
@@ -32,7 +32,7 @@ def sunk(boxes: list[ColumnBox], depth: float, seed: int) -> Assembly:
 @pytest.mark.parametrize("boxes", [[_LARGE, _SMALL], [_SMALL, _LARGE], [_LARGE, _LARGE]])
 def test_depth_is_how_far_a_block_was_lowered(boxes: list[ColumnBox], seed: int) -> None:
     """Corners of one or of the other lie inside, whichever is the smaller one; or of neither."""
-    check_overlaps(sunk(boxes, 0.0, seed), 0.01)
-    check_overlaps(sunk(boxes, 0.5, seed), 0.6)
+    check_mesh_overlaps(sunk(boxes, 0.0, seed), 0.01)
+    check_mesh_overlaps(sunk(boxes, 0.5, seed), 0.6)
     with pytest.raises(AssemblyError, match=r"blocks 0 and 1 overlap by 10 mm"):
-        check_overlaps(sunk(boxes, 10.0, seed), 0.6)
+        check_mesh_overlaps(sunk(boxes, 10.0, seed), 0.6)
