@@ -192,7 +192,7 @@ BLOCKS: dict[str, Callable[[], Stated]] = {
 }
 #: What each changes in a statement, in the order in which they are stated.
 EFFECTS: dict[str, Callable[[Stated], Stated]] = {
-    "friction": lambda one: one.stating(friction=0.3),
+    "friction": lambda one: one.stating(friction=0.1),
     "finite sliding": lambda one: one.stating(finite_sliding=True),
     "finite rotation": lambda one: one.stating(finite_rotation=True),
     "gap": lambda one: one.stating(spacing=0.002),
