@@ -69,7 +69,7 @@ def fem(
         case, decision = decided(case, outputs.console, keep)
         answer = _solved(case, outputs, resume).with_report(decision)
         outputs.show(answer.table)
-        outputs.tell_keys()
+        outputs.tell_keys(answered=True)
         if outputs.folder is not None:
             write_run_files(answer, outputs)
         outputs.write_answer(answer)

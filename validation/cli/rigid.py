@@ -92,7 +92,7 @@ def mbd(
         parts |= _studied(case, answer, unlock=unlock, refine=refine)
         answer = answer.beside(parts)
         outputs.show(answer.table)
-        outputs.tell_keys()
+        outputs.tell_keys(answered=True)
         if outputs.folder is not None:
             write_rigid(answer, outputs)
         outputs.write_answer(answer)

@@ -20,7 +20,7 @@ from validation.output.files import PAGES, PICTURES, output_folder, prepare_file
 from validation.output.pictures.style import Look, looking
 from validation.output.progress import following
 from validation.output.provenance import Provenance, stamp_vtu, stamped
-from validation.scene.keys.idle import default_words, idle_keys, ignored_words
+from validation.scene.keys.idle import default_words, idle_keys, key_words
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -207,24 +207,20 @@ class Outputs:
             remove_others(self.folder, self.names, self._of_this_call)
         self.write_json(data)
 
-    def tell_keys(self, method: str = "") -> None:
+    def tell_keys(self, method: str = "", *, answered: bool = False) -> None:
         """Print the defaults that an answer depends on, and what its method does not have.
 
-        ``method`` is that of the case, or "static deck", "explicit deck" and "blocks".
+        ``method`` is that of the case, or "static deck", "explicit deck" and "blocks"; ``answered``
+        is whether the table of an answer has them already, but for pictures that are not drawn.
         """
         if self.scene is None:
             return
         scene, method = self.scene.scene, method or self.scene.method.name
         self._unused = tuple(idle_keys(scene, method, drawn=self._draws))
         self._defaults = default_words(scene, method)
-        ignored = ignored_words(list(self._unused), method)
-        said = {
-            "defaults": ", ".join(f"{name} {value}" for name, value in self._defaults.items()),
-            "note": scene.caution or "",
-            "ignored": ignored and f"{ignored} (not used by this method)",
-        }
-        for head, words in said.items():
-            if words:
+        known = key_words(scene, method).items() if answered else ()
+        for head, words in key_words(scene, method, drawn=self._draws).items():
+            if (head, words) not in known:
                 self.console.print(f"{head:9} {words}")
 
     def write_json(self, data: Any) -> None:

@@ -133,6 +133,21 @@ def default_words(scene: DeformableScene, method: str) -> dict[str, str]:
     }
 
 
+def key_words(scene: DeformableScene, method: str, *, drawn: bool = True) -> dict[str, str]:
+    """Defaults that an answer depends on, what is unusual, and keys that its method ignores.
+
+    In words by their heads; ``drawn`` as in `idle_keys`.
+    """
+    defaults = default_words(scene, method).items()
+    ignored = ignored_words(idle_keys(scene, method, drawn=drawn), method)
+    words = {
+        "defaults": ", ".join(f"{name} {value}" for name, value in defaults),
+        "note": scene.caution or "",
+        "ignored": ignored and f"{ignored} (not used by this method)",
+    }
+    return {head: text for head, text in words.items() if text}
+
+
 def _set_keys(section: BaseModel, place: str) -> Iterator[str]:
     """Keys that are set and state something."""
     for name in type(section).model_fields:
