@@ -11,6 +11,7 @@ from functools import partial
 import numpy as np
 
 from fem.accuracy.errors import (
+    TOO_FAR,
     OnMesh,
     Values,
     growing,
@@ -22,7 +23,7 @@ from fem.accuracy.errors import (
     with_stick,
 )
 from fem.accuracy.facets import pressures_on_facets
-from fem.accuracy.ladder import Ladder, Rung, fineness, ladder_for, on_rung
+from fem.accuracy.ladder import OF_FACETS, Ladder, Rung, fineness, ladder_for, on_rung
 from fem.accuracy.one_mesh import static_state, stick_change
 from fem.accuracy.parts import Accuracy, Meshes, MeshFacets
 from fem.accuracy.transfer import transferred
@@ -145,6 +146,8 @@ class Converged:
     """What was requested and reached, and what ended the refinement."""
     meshes: Meshes
     """Those that were solved."""
+    stick: Values
+    """Change of each measure by a tenth of the stick stiffness, in its unit."""
 
     @property
     def measures(self) -> Mapping[str, Measure]:
@@ -244,7 +247,7 @@ def converge(
         meshes.append(last.numbers)
         if number >= _FOR_BARS:
             errors = with_stick(sequence_bars(meshes, searched=problem.searches), stick)
-        remarks = unresolved(meshes) | growing(meshes)
+        remarks = unresolved(meshes) | growing(meshes) | _too_far(last)
         told = {
             name: replace(m, error=errors.get(name), remark=remarks.get(name, ""))
             for name, m in last.measures.items()
@@ -255,7 +258,7 @@ def converge(
     assert last is not None
     sought = {name: share for name, share in targets.items() if name in told}
     accuracy = Accuracy(sought, told, ended, stopped)
-    return Converged(last, errors, remarks, accuracy, Meshes(meshes))
+    return Converged(last, errors, remarks, accuracy, Meshes(meshes), stick)
 
 
 def climbed(
@@ -472,6 +475,13 @@ def _beyond(
     remain = f"{left:.2g} s remain" if left > 0.0 else "none is left"
     words = f"{stop('clock')}: the next mesh needs about {need:.2g} s, and {remain}"
     return "clock", words
+
+
+def _too_far(last: Solved) -> dict[str, str]:
+    """Say why means over facets are none: blocks moved far, one is above the largest pressure."""
+    both = [last.measures[n].value for n in ("p_max_facet", "p_max_point") if n in last.measures]
+    above = len(both) > 1 and both[0] > both[1]
+    return dict.fromkeys(OF_FACETS, TOO_FAR) if above and last.state.large_motion else {}
 
 
 def _widest(told: Mapping[str, Measure], targets: Mapping[str, float]) -> float:

@@ -3,7 +3,6 @@
 Without names all tables but the long ones, four CPU minutes; CalculiX and compas_cra where they
 are installed. ``error-bars`` takes an hour, goes on where it was stopped, gives up a problem after
 ten CPU minutes, and keeps what ``error-bars-problems`` lists and ``error-bars-summary`` sums up.
-``error-bars-twelve`` solves twelve drawn tubes of one layer, ten minutes.
 """
 
 from __future__ import annotations
@@ -40,13 +39,12 @@ TABLES: dict[str, tuple[str, Callable[[], Iterable[Row]]]] = {
     "macneal-harder": ("Beams of MacNeal and Harder over theory", macneal_harder.beams),
     "le10": ("NAFEMS LE10 from a deck of C3D20", macneal_harder.plate),
     "optimiser": ("Searches of 48 among 480 designs", test_optimiser.rows),
-    "error-bars": ("Error bars of twenty problems", error_bars.rows),
+    "error-bars": ("Error bars of drawn problems", error_bars.rows),
     "error-bars-problems": ("Each problem with its reference", error_bars.problems),
-    "error-bars-twelve": ("Error bars of twelve drawn tubes", error_bars.twelve),
     "error-bars-summary": ("Error bars: how many hold, how wide they are", error_bars.summary),
 }
 #: Tables that are made where they are named.
-LONG = ("error-bars", "error-bars-problems", "error-bars-summary", "error-bars-twelve")
+LONG = ("error-bars", "error-bars-problems", "error-bars-summary")
 
 
 def word(value: Any) -> str:

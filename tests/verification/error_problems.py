@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -12,14 +13,13 @@ import meshio
 import numpy as np
 
 from fem import CoulombFriction, ExponentialLaw, LinearPenalty, Material, Problem
-from fem.accuracy.ladder import LADDER, Rung
+from fem.accuracy.ladder import Rung
 from fem.element.lagrange_mesh import LagrangeMesh, with_degree
 from geometry import (
     Assembly,
     Block,
     BrickStack,
     ColumnBox,
-    HexagonBlock,
     HexMesh,
     Load,
     LoadCase,
@@ -43,82 +43,38 @@ from geometry.files.quadratic import NATURAL
 from geometry.mesh import boundary_quads
 from tests.verification.concentric import Shells
 
-SEED = 29
-#: Of twelve tubes whose shifts are any, four of them with friction.
-SEED_OF_TWELVE = 20261127
+#: Each drawn problem has a seed of its own, from the first on.
+FIRST_SEED = 20261201
 CONCRETE = Material(density=2.4e-9, young_modulus=33e3, poisson_ratio=0.2)
 STEEL = Material(density=7.85e-9, young_modulus=210e3, poisson_ratio=0.3)
 WITHOUT_CONTRACTION = Material(density=2.4e-9, young_modulus=33e3, poisson_ratio=0.0)
 WEIGHT = (0.0, 0.0, -9810.0)
 #: Load pressure of all problems [MPa].
 PRESSURE = 0.01
-#: Number of the tube, its load and what it has beyond a load.
-TUBES: tuple[tuple[str, Load | None, dict[str, float]], ...] = (
-    ("pipe", pipe(PRESSURE), {}),
-    ("tunnel", tunnel(PRESSURE), {}),
-    ("pillar", pillar(PRESSURE), {}),
-    ("shaft", shaft(PRESSURE), {}),
-    ("weight", None, {}),
-    ("beam", beam(PRESSURE), {}),
-    ("pipe, friction", pipe(PRESSURE), {"friction": 0.3}),
-    ("tunnel, clearance", tunnel(PRESSURE), {"clearance": 0.002}),
-    ("pipe, spacing", pipe(PRESSURE), {"spacing": 0.005}),
-    ("pillar, friction", pillar(PRESSURE), {"friction": 0.3}),
-    ("tunnel", tunnel(PRESSURE), {}),
-    ("pipe", pipe(PRESSURE), {}),
-    ("shaft", shaft(PRESSURE), {}),
-    ("beam", beam(PRESSURE), {}),
+#: Loads of the twenty tubes in turn, and of the next: what they have beyond a load.
+LOADS = (pipe, tunnel, shaft, pillar, beam)
+N_TUBES = 20
+BEYOND_A_LOAD: tuple[tuple[Callable[[float], Load], dict[str, float]], ...] = (
+    (pipe, {"friction": 0.3}),
+    (tunnel, {"friction": 0.5}),
+    (shaft, {"friction": 0.2}),
+    (pipe, {"clearance": 0.01}),
+    (tunnel, {"spacing": 0.005}),
 )
 
-#: The same of `twelve_tubes`.
-TWELVE: tuple[tuple[str, Load, dict[str, float]], ...] = (
-    ("pipe", pipe(PRESSURE), {}),
-    ("tunnel", tunnel(PRESSURE), {}),
-    ("pipe, friction", pipe(PRESSURE), {"friction": 0.2}),
-    ("shaft", shaft(PRESSURE), {}),
-    ("pillar", pillar(PRESSURE), {}),
-    ("tunnel, friction", tunnel(PRESSURE), {"friction": 0.5}),
-    ("pipe, clearance", pipe(PRESSURE), {"clearance": 0.02}),
-    ("tunnel", tunnel(PRESSURE), {}),
-    ("shaft, friction", shaft(PRESSURE), {"friction": 0.3}),
-    ("pipe", pipe(PRESSURE), {}),
-    ("shaft", shaft(PRESSURE), {}),
-    ("pillar, friction", pillar(PRESSURE), {"friction": 0.3}),
-)
-
-
-#: Mesh of references: elements of degree five, shorter towards the edges than those of any answer.
-FINER = Rung(5, 18, 3, 6, 12.0, 300.0)
-#: The same of answers on the last two meshes, which have more elements along.
-BEYOND = Rung(5, 30, 3, 8, 12.0, 300.0)
-#: The same where that takes minutes: those of stresses at edges, beyond the mesh of the answer.
-FOURTH, FIFTH, LAST = LADDER[3:]
-#: The same of own hexahedra: two parts an edge, of a degree whose nodes are closer than those of
-#: the answer's single part.
-OWN = Rung(4, 1, 2, 1, 1.0, 1.0)
-
-#: Where those take minutes: finer than four meshes of the default in every direction.
+#: Meshes of references: elements of degree five, shorter towards the edges than those of the
+#: answer; the last of answers on five meshes.
 NEAR = Rung(5, 18, 2, 6, 8.0, 80.0)
-#: Where friction takes minutes.
+BEYOND = Rung(5, 30, 3, 8, 12.0, 300.0)
+#: The same where friction or a gap takes minutes.
 ROUGH = Rung(4, 16, 2, 4, 6.0, 40.0)
-THIRD = Rung(4, 16, 1, 4, 1.0, 40.0)
-OWN_ROUGH = Rung(3, 1, 2, 1, 1.0, 1.0)
-
-#: How many meshes of the default a reference is finer than, and the one beyond it.
-FINER_THAN = {
-    THIRD: (2, ROUGH),
-    ROUGH: (3, NEAR),
-    FOURTH: (3, NEAR),
-    NEAR: (4, BEYOND),
-    FIFTH: (4, BEYOND),
-    FINER: (4, BEYOND),
-    LAST: (5, BEYOND),
-}
-
-#: Tubes whose references take minutes on `FINER`: many blocks, a clearance, no symmetry, friction.
-LONG_TUBES = {3: FOURTH, 6: FOURTH, 7: THIRD, 8: FOURTH, 10: THIRD, 14: FOURTH}
-#: Tubes of one layer where the drawn ones take more than the limit of time.
-LOW_TUBES = (10, 14)
+#: Of own hexahedra: two parts an edge, of a degree whose nodes are closer than those of the
+#: answer's single part.
+OWN = Rung(4, 1, 2, 1, 1.0, 1.0)
+#: Of boxes whose edges lie inside elements: more elements, not more degree.
+BOXES = Rung(2, 14, 5, 4, 1.0, 1.0)
+#: Meshes of an answer from which on its reference is another one.
+FINER_FROM = {NEAR: (5, BEYOND), ROUGH: (4, NEAR)}
 
 
 #: Lamé's closed forms: the contact law of the paper with a load, a linear one with a press fit.
@@ -141,91 +97,66 @@ class Case:
 
     name: str
     problem: Callable[[], Problem]
-    reference: str
-    """``finer``: a finer mesh of high degree; ``closed form``."""
+    finer: Rung | None = None
+    """Mesh of the reference; None: a closed form."""
     exact: Callable[[], dict[str, float]] = dict
     """Values of the closed form."""
-    finer: Rung = FINER
-    """Mesh of the reference."""
 
 
-def drawn(
-    rng: np.random.Generator, *, any_shift: bool = False
-) -> tuple[SineBlock, int, tuple[int, int, int]]:
-    """Draw a tube: block, layers and the mesh whose facets define means; redrawn until it fits."""
+def drawn_tube(rng: np.random.Generator, *, layers: int) -> Assembly:
+    """Draw a tube, with the mesh whose facets define means; redrawn until it fits."""
     while True:
         waves, n = int(rng.integers(1, 6)), int(rng.integers(3, 9))
         radius, thickness = rng.uniform(80.0, 200.0), rng.uniform(20.0, 60.0)
         height, share = rng.uniform(80.0, 250.0), rng.uniform(0.03, 0.12)
-        layers = int(rng.integers(1, 4))
-        shift = float(rng.uniform(0.0, 1.0) if any_shift else rng.choice([0.0, 0.5]))
         try:
             block = SineBlock(
                 height=height,
                 amplitude=share * height,
                 frequency=0.5 * waves,
-                shift=shift,
+                shift=float(rng.uniform(0.0, 1.0)),
                 blocks_per_layer=n,
                 inner_radius=radius,
                 thickness=thickness,
             )
-            mesh = (4 * waves * max(1, round(4 / waves)), 2, 4)
-            tube(block, layers=layers, mesh=mesh)
+            return tube(block, layers=layers, mesh=(4 * waves * max(1, round(4 / waves)), 2, 4))
         except RefusedError:
             continue
-        return block, layers, mesh
 
 
-def tubes() -> list[Case]:
-    """Random Sine and Cosine tubes under every load."""
-    rng, found = np.random.default_rng(SEED), []
-    for number, (words, load, more) in enumerate(TUBES, 1):
-        block, layers, mesh = drawn(rng)
-        layers = 1 if number in LOW_TUBES else layers
+def drawn() -> list[Case]:
+    """Twenty tubes, three with friction, two with gaps, six of blocks from files or boxes."""
+    result = list[Case]()
+    loads = [(LOADS[k % len(LOADS)], {}) for k in range(N_TUBES)]
+    for k, (load, more) in enumerate((*loads, *BEYOND_A_LOAD)):
+        layers = 1 + k % 2 if k < N_TUBES else 1
+        words = ", ".join((load(PRESSURE).case.name, *more))
 
-        def problem(block=block, layers=layers, mesh=mesh, load=load, more=more) -> Problem:
-            blocks = tube(block, layers=layers, mesh=mesh)
-            if load is None:
-                return Problem(blocks, pipe(0.0), CONCRETE, gravity=WEIGHT, **more)
-            return Problem(blocks, load, CONCRETE, **more)
+        def problem(
+            seed: int = FIRST_SEED + k,
+            layers: int = layers,
+            load: Callable[[float], Load] = load,
+            more: Mapping[str, float] = more,
+        ) -> Problem:
+            blocks = drawn_tube(np.random.default_rng(seed), layers=layers)
+            return Problem(blocks, load(PRESSURE), CONCRETE, **more)
 
-        finer = LONG_TUBES.get(number, FINER)
-        found.append(Case(f"tube {number}: {words}", problem, "finer", finer=finer))
-    return found
-
-
-def twelve_tubes() -> list[Case]:
-    """Random tubes of one layer."""
-    rng, found = np.random.default_rng(SEED_OF_TWELVE), []
-    for number, (words, load, more) in enumerate(TWELVE, 1):
-        block, _, mesh = drawn(rng, any_shift=True)
-
-        def problem(block=block, mesh=mesh, load=load, more=more) -> Problem:
-            return Problem(tube(block, layers=1, mesh=mesh), load, CONCRETE, **more)
-
-        finer = THIRD if "friction" in more else NEAR
-        found.append(Case(f"drawn tube {number}: {words}", problem, "finer", finer=finer))
-    return found
-
-
-def hexagons(load: Load, **more: float) -> Problem:
-    """A tube of hexagon blocks."""
-    block = HexagonBlock(blocks_per_layer=6, inner_radius=130.0, thickness=45.0)
-    return Problem(tube(block, layers=1, mesh=(4, 2)), load, CONCRETE, **more)
-
-
-def planar_wall(**more: float) -> Problem:
-    """Two by two planar Sine Blocks under pressure."""
-    block = (160.0, 50.0, 150.0, 12.0)
-    wall = PlanarSineWall(*block, 1.0, 0.5, divisions=(8, 2, 4), columns=2, layers=2).build()
-    return Problem(wall, pipe(PRESSURE), CONCRETE, **more)
-
-
-def osteomorphic(columns: int, **more: float) -> Problem:
-    """Osteomorphic blocks, as many rows as columns, under pressure."""
-    block = (180.0, 90.0, 70.0, 8.0)
-    wall = OsteomorphicWall(*block, divisions=(8, 4, 4), columns=columns, layers=columns).build()
-    return Problem(wall, pipe(PRESSURE), CONCRETE, **more)
+        finer = ROUGH if more else NEAR
+        result.append(Case(f"tube {k + 1}: {words}, {layers} layers", problem, finer))
+    seed = FIRST_SEED + len(result)
+    return [
+        *result,
+        Case("own hexahedra of 8 nodes", partial(own_wall, seed), OWN),
+        Case("own hexahedra of 27 nodes", partial(own_planar_wall, seed + 1), OWN),
+        Case(
+            "own hexahedra of 27 nodes, friction",
+            partial(own_planar_wall, seed + 2, friction=0.3),
+            OWN,
+        ),
+        Case("own hexahedra of 8 nodes, other size", partial(own_wall, seed + 3), OWN),
+        Case("stacked boxes", partial(stacked_boxes, seed + 4), BOXES),
+        Case("stacked boxes, other size", partial(stacked_boxes, seed + 5), BOXES),
+    ]
 
 
 def pressed_bricks() -> Problem:
@@ -314,22 +245,31 @@ def exact_push() -> dict[str, float]:
     }
 
 
-def own_planar_wall(**more: Any) -> Problem:
+def stacked_boxes(seed: int) -> Problem:
+    """Three boxes of any size under a pressure: contact is searched."""
+    sizes = np.random.default_rng(seed).uniform((60.0, 60.0, 30.0), (110.0, 110.0, 70.0), (3, 3))
+    column = box_column([ColumnBox(tuple(size), (4, 4, 2)) for size in sizes.tolist()])
+    load = LoadCase(column, "pressed", (PressureLoad(np.array([2]), "z+", 0.5),), column.fixed)
+    return Problem(column, load, CONCRETE)
+
+
+def own_planar_wall(seed: int, **more: Any) -> Problem:
     """One planar Sine Block between held ones, each read from a file of four curved hexahedra."""
-    block = (120.0, 60.0, 60.0, 7.0)
-    return _own(
-        PlanarSineWall(*block, 1.0, 0.5, divisions=(4, 1, 1), columns=1, layers=1).build(),
-        27,
-        **more,
-    )
+    wall = PlanarSineWall(*_drawn_block(seed), 1.0, 0.5, divisions=(4, 1, 1), columns=1, layers=1)
+    return _own(wall.build(), 27, **more)
 
 
-def own_wall(nodes: int, **more: Any) -> Problem:
-    """One interlocking block between held ones, each read from a file of 8 or 27 nodes."""
-    block = (120.0, 60.0, 60.0, 7.0)
-    return _own(
-        OsteomorphicWall(*block, divisions=(4, 2, 2), columns=1, layers=1).build(), nodes, **more
-    )
+def own_wall(seed: int) -> Problem:
+    """One interlocking block between held ones, each read from a file of hexahedra."""
+    wall = OsteomorphicWall(*_drawn_block(seed), divisions=(4, 2, 2), columns=1, layers=1)
+    return _own(wall.build(), 8)
+
+
+def _drawn_block(seed: int) -> tuple[float, float, float, float]:
+    """Length, thickness, height and amplitude of a block [mm]."""
+    rng = np.random.default_rng(seed)
+    length, thickness, height = rng.uniform((90.0, 45.0, 45.0), (160.0, 80.0, 80.0)).tolist()
+    return length, thickness, height, float(rng.uniform(0.06, 0.12)) * height
 
 
 def _own(wall: Assembly, nodes: int, **more: Any) -> Problem:
@@ -357,47 +297,13 @@ def _through_a_file(folder: Path, shape: Block, count: int) -> Block:
 
 
 def cases() -> list[Case]:
-    """All of them: the first, third, … were used to choose the rule, the others judge it."""
+    """All of them."""
     return [
-        *tubes(),
-        Case("hexagon tube: pipe", lambda: hexagons(pipe(PRESSURE)), "finer", finer=LAST),
+        *drawn(),
+        Case("pressed bricks", pressed_bricks, exact=exact_bricks),
+        Case("heavy boxes", heavy_boxes, exact=exact_boxes),
         Case(
-            "hexagon tube: tunnel, friction",
-            lambda: hexagons(tunnel(PRESSURE), friction=0.3),
-            "finer",
-            finer=NEAR,
+            "heavy boxes, own skewed hexahedra", partial(heavy_boxes, own=True), exact=exact_boxes
         ),
-        Case("planar Sine wall", planar_wall, "finer", finer=FOURTH),
-        Case("osteomorphic wall", lambda: osteomorphic(2), "finer", finer=FOURTH),
-        Case(
-            "osteomorphic wall of one block, friction",
-            lambda: osteomorphic(1, friction=0.3),
-            "finer",
-            finer=THIRD,
-        ),
-        Case("pressed bricks", pressed_bricks, "closed form", exact_bricks),
-        Case("heavy boxes", heavy_boxes, "closed form", exact_boxes),
-        Case(
-            "heavy boxes, own skewed hexahedra",
-            lambda: heavy_boxes(own=True),
-            "closed form",
-            exact_boxes,
-        ),
-        Case("own hexahedra of 8 nodes", lambda: own_wall(8), "finer", finer=OWN),
-        Case(
-            "own hexahedra of 27 nodes, friction",
-            lambda: own_planar_wall(friction=0.3),
-            "finer",
-            finer=OWN,
-        ),
-        Case(
-            "own hexahedra of 27 nodes, degree 2",
-            lambda: own_wall(27, degree=2),
-            "finer",
-            finer=OWN_ROUGH,
-        ),
-        *(
-            Case(name, shells.problem, "closed form", shells.exact)
-            for name, shells in SHELLS.items()
-        ),
+        *(Case(name, shells.problem, exact=shells.exact) for name, shells in SHELLS.items()),
     ]
