@@ -21,6 +21,7 @@ import scipy.linalg
 import scipy.sparse.csgraph
 
 from geometry.interface import Interfaces
+from geometry.machine.work import Operation, count
 from geometry.mesh import (
     BoolArray,
     FloatArray,
@@ -338,10 +339,18 @@ class ContactJacobian(ReadOnlyArrays):
         return product
 
     def normal_solver(self, weights: FloatArray, shift: float) -> NormalMap:
-        """Factor G diag(weights) Gᵀ + shift I by a banded Cholesky decomposition."""
+        """Factor G diag(weights) Gᵀ + shift I by a banded Cholesky decomposition.
+
+        Raises
+        ------
+        LimitError
+            A limit is reached.
+        """
         position, half_band = self._band
         entries, places = self._band_places
         n = self.shape[0]
+        count(Operation.DENSE, 0.5 * n * half_band**2)
+        count(Operation.ENTRY, 2.0 * n * (half_band + 1) + self.contacts.n_contacts)
         band = np.bincount(
             places,
             weights=self._block_entries(weights).ravel()[entries],

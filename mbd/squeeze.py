@@ -51,8 +51,8 @@ class Squeeze:
         """The verdict, blocks by their names."""
         if self.needed is None:
             return (
-                "carried if the load presses the joints itself (not decided: limit of work, after "
-                f"{self.programs} linear problems)"
+                "carried if the load presses the joints itself (not decided: limit of work or "
+                f"time, after {self.programs} linear problems)"
             )
         if not self.needed:
             return "carried"

@@ -52,6 +52,20 @@ def machine_memory() -> int:
     return int(psutil.virtual_memory().total)
 
 
+def address_space_left() -> float:
+    """Addresses that a limit of this process leaves [bytes]; without end where none is known."""
+    try:
+        import resource
+
+        limit, _ = resource.getrlimit(resource.RLIMIT_AS)
+        pages = Path("/proc/self/statm").read_text("ascii").split()[0]
+    except (ImportError, OSError):
+        return math.inf
+    if limit == resource.RLIM_INFINITY:
+        return math.inf
+    return float(limit - int(pages) * os.sysconf("SC_PAGE_SIZE"))
+
+
 def peak_memory_mb() -> float:
     """Peak resident memory of this process so far [MB].
 

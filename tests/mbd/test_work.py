@@ -89,6 +89,14 @@ def test_rigid_answer_needs_no_more_memory_than_it_says(monkeypatch: pytest.Monk
     assert "interfaces" not in vars(again)
 
 
+@pytest.mark.parametrize("limited", [Rigid(max_work=1e-9), Rigid(max_seconds=1e-9)])
+def test_the_search_for_contact_forces_asks_the_limits(limited: Rigid) -> None:
+    """Each of its steps is counted: a wall of 10 000 blocks went on for minutes after 5 s."""
+    tube, load = _tube(12, 2, 2)
+    with pytest.raises(LimitError, match="no state within the limit of"):
+        analyse(tube, limited, load=load)
+
+
 def test_ranges_known_at_the_limit_are_those_without_one(wall) -> None:
     assembly, contacts, frictional = wall
     load = body_force(assembly, DOWN)
@@ -125,7 +133,7 @@ def test_a_squeeze_that_is_not_decided_says_so(wall) -> None:
     told: list[int] = []
     found = squeeze(contacts, frictional, load, 0.5 * forces, limit=EACH, progress=told.append)
     assert found.needed is None
-    assert "(not decided: limit of work, after" in found.words()
+    assert "(not decided: limit of work or time, after" in found.words()
     assert told == list(range(1, found.programs + 1))
 
 

@@ -13,10 +13,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from geometry import Assembly, box_block
+from geometry.machine.work import LimitError
 from tests.support.answers import on_its_mesh
 from validation import load_case, solve
 from validation.output.files import PICTURES
 from validation.output.pictures import assemblies, tubes
+from validation.output.pictures import canvas as drawing
 from validation.output.pictures import gallery as gallery_pictures
 from validation.output.pictures.bodies import EYE, block_edges, eye, labelled
 from validation.output.pictures.canvas import Lines, Surface, View
@@ -310,3 +312,11 @@ def test_one_block_is_drawn_with_all_its_measures(tubelock) -> None:
 
 def _set(settings: tuple[str, ...]) -> list[str]:
     return [word for setting in settings for word in ("--set", setting)]
+
+
+def test_too_few_addresses_for_pictures_are_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Under `ulimit -v` VTK ended the process by a signal, or with a traceback."""
+    monkeypatch.setattr(drawing, "address_space_left", lambda: 0.3 * 2**30)
+    monkeypatch.delattr(drawing._WINDOWS, "window", raising=False)
+    with pytest.raises(LimitError, match=r"leaves 0\.3 \(ulimit -v\); raise it, or take --json"):
+        drawing._window()

@@ -20,6 +20,8 @@ import numpy as np
 import numpy.typing as npt
 
 from geometry.files.vtu import as_array, as_cells, as_points
+from geometry.machine.system import address_space_left
+from geometry.machine.work import LimitError
 from geometry.mesh import FloatArray, IntArray
 
 Pixels = npt.NDArray[np.uint8]
@@ -175,6 +177,10 @@ def quiet(number: int = 2) -> Iterator[None]:
 _WINDOWS = threading.local()
 
 
+#: Addresses that VTK and its window take, measured with VTK 9.7: 0.8 [GB].
+_SPACE = 1.0
+
+
 def _window() -> Any:
     """The window of all views of this thread."""
     if not hasattr(_WINDOWS, "window"):
@@ -183,6 +189,13 @@ def _window() -> Any:
 
 
 def _made_window() -> Any:
+    left = address_space_left() / 2**30
+    if left < _SPACE:  # VTK ends the process without a word
+        raise LimitError(
+            "memory",
+            f"pictures of blocks need about {_SPACE:g} GB of addresses, and the limit of this "
+            f"process leaves {max(left, 0.0):.2g} (ulimit -v); raise it, or take --json without -o",
+        )
     import vtkmodules.vtkRenderingOpenGL2  # noqa: F401 - what renders
     from vtkmodules.vtkRenderingCore import vtkRenderWindow
 
