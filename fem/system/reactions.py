@@ -11,7 +11,7 @@ import numpy as np
 from fem.system.body import Body
 from fem.system.model import Support
 from geometry.mesh import FloatArray, IntArray, ReadOnlyArrays
-from geometry.parts.balance import Reactions, of_supports
+from geometry.parts.balance import Reactions, of_supports, outward_thrust
 
 #: Share of a way from which its stiffness is taken: a smooth step begins with none.
 _FIRST = 0.01
@@ -34,28 +34,42 @@ def reactions(
     displacements
         Of each group, world axes, (n_copies, n_nodes, 3) [mm]: springs follow them.
     """
-    acting: dict[str, list[tuple[FloatArray, FloatArray]]] = {}
+    acting: dict[str, list[tuple[FloatArray, FloatArray, IntArray]]] = {}
     places = [group.reference_positions() for group in bodies]
+    first = np.cumsum([0, *(group.n_copies for group in bodies)])
     for support in supports if forces else ():
         at = places[support.group][support.copies, support.nodes]
-        acting.setdefault(support.name, []).append((at, _along(support, forces)))
-    for group, at, moved in zip(bodies, places, displacements, strict=True):
+        block = np.broadcast_to(first[support.group] + support.copies, len(at))
+        acting.setdefault(support.name, []).append((at, _along(support, forces), block))
+    for number, group, at, moved in zip(first[:-1], bodies, places, displacements, strict=True):
         if group.springs is None:
             continue
-        for turn, here, u in zip(group.rotations, at, moved, strict=True):
+        for k, (turn, here, u) in enumerate(zip(group.rotations, at, moved, strict=True)):
             on_nodes = group.springs.forces(u @ turn) @ turn.T
             for name, nodes, force in zip(
                 group.springs.names, group.springs.nodes, on_nodes, strict=True
             ):
-                acting.setdefault(name, []).append((here[nodes], force))
-    wrenches, middles = {}, {}
+                acting.setdefault(name, []).append(
+                    (here[nodes], force, np.full(len(nodes), number + k))
+                )
+    wrenches, middles, outward = {}, {}, {}
     for name, parts in acting.items():
-        at, force = (np.concatenate(of) for of in zip(*parts, strict=True))
+        at, force, block = (np.concatenate(of) for of in zip(*parts, strict=True))
         if not len(at):  # of nodes that another support holds
             continue
         wrenches[name] = np.concatenate([force.sum(axis=0), np.cross(at, force).sum(axis=0)])
         middles[name] = at.mean(axis=0)
-    return of_supports(wrenches, middles)
+        outward[name] = _outward(at, force, block)
+    return of_supports(wrenches, middles, outward)
+
+
+def _outward(at: FloatArray, forces: FloatArray, block: IntArray) -> float:
+    """Outward thrust of a support, from the places and sums of forces of its blocks [N]."""
+    blocks, which = np.unique(block, return_inverse=True)
+    sums, middles = np.zeros((2, len(blocks), 3))
+    np.add.at(sums, which, forces)
+    np.add.at(middles, which, at)
+    return outward_thrust(middles / np.bincount(which)[:, None], sums)
 
 
 def _along(support: Support, forces: Forces) -> FloatArray:

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import trimesh
 
 from fem import Problem, concrete, solve_static
 from geometry import Answer, SineBlock, pipe, tube
@@ -308,3 +309,35 @@ def test_reactions_on_a_block_that_counts_as_fixed_balance_all_loads(stated: str
         totals.append(sum(np.array(reaction["force"]) for reaction in reactions))
         assert totals[-1] == pytest.approx(-loads, abs=1e-6 * np.linalg.norm(loads))
     assert totals[0] == pytest.approx(totals[1], abs=1e-6 * np.linalg.norm(totals[0]))
+
+
+@pytest.mark.parametrize("method", ["rigid", "static"])
+def test_a_support_of_several_blocks_has_the_thrust_of_its_parts(
+    tmp_path: Path, method: str
+) -> None:
+    """Four columns below a plate, each pulled outwards by 5 N: without friction each base alone
+    takes its pull, and though together they are none, the support is pushed outwards by 20 N."""
+    names, ways = "abcd", np.array([(1.0, 0.0), (0.0, 1.0), (-1.0, 0.0), (0.0, -1.0)])
+    for name, way in zip(names, ways, strict=True):
+        column = trimesh.creation.box((60.0, 60.0, 100.0))
+        column.apply_translation((*(100.0 * way), 50.0))
+        column.export(tmp_path / f"{name}.stl")
+    plate = trimesh.creation.box((300.0, 300.0, 50.0))
+    plate.apply_translation((0.0, 0.0, 125.0))
+    plate.export(tmp_path / "plate.stl")
+    pulls = [{"block": k, "force": [*(5.0 * way), 0.0]} for k, way in enumerate(ways)]
+    base = {"name": "ring", "blocks": [0, 1, 2, 3], "plane": {"z": 0.0}, "hold": ["x", "y", "z"]}
+    scene = {
+        "block": {"type": "mesh"},
+        "parts": [{"file": str(tmp_path / f"{name}.stl")} for name in (*names, "plate")],
+        "supports": [base],
+        "load": {"forces": pulls},
+        "effects": {"gravity": [0.0, 0.0, -9810.0]},
+        "material": {"name": "concrete"},
+    }
+    more = {"fem.mesh": "scene", "fem.error_estimate": False} if method == "static" else {}
+    reaction = solve(load_case(scene, more, method=method)).report["reactions"]["ring"]
+    # Joints turn with the columns that bend: their share of the weight is below 1e-5 of the pulls.
+    assert np.linalg.norm(reaction["force"][:2]) < 1e-6 * reaction["force"][2]
+    assert reaction["outward"] == pytest.approx(20.0, rel=1e-5)
+    assert reaction["horizontal"] == reaction["outward"]
