@@ -280,11 +280,18 @@ def test_y_up_gives_the_answer_of_z_up(tmp_path: Path) -> None:
     )
     forces = [float(run.details.normal_forces.sum()) for run in (turned, upright)]
     assert forces[0] == pytest.approx(forces[1], rel=1e-9)
-    assert not turned.report["notes"]
-    assert not upright.report["notes"]
+    assert not turned.report.get("notes")
+    assert not upright.report.get("notes")
     doubt = rigid(file, "fixed = [0]").report["notes"]["which way is up"]
     assert "every support lies on the -y side" in doubt
     assert 'block.up = "y"' in doubt
+
+
+def test_supports_that_lie_below_are_not_aside(tmp_path: Path) -> None:
+    """A long flat brick that overhangs: its middle lies farther aside of its base than above it."""
+    bricks = {"base": ([0.0, 0.0, 0.0], [200.0, 100.0, 50.0])}
+    bricks["brick"] = ([110.0, 0.0, 50.0], [160.0, 100.0, 50.0])
+    assert not rigid(obj(tmp_path / "a.obj", bricks), "fixed = [0]").report.get("notes")
 
 
 def test_overlaps_are_named_with_a_tolerance_that_works(tmp_path: Path) -> None:

@@ -7,10 +7,12 @@ from pathlib import Path
 import numpy as np
 
 from geometry.files.readers import left_out
+from geometry.mesh import FloatArray
 from geometry.parts.placed import AnyBlocks
 from geometry.polyhedra.assembly import PolyhedralAssembly
 from geometry.polyhedra.near_joints import facing_surfaces
 from geometry.polyhedra.overlap import largest_tolerance
+from geometry.polyhedra.polyhedron import Polyhedron
 from validation.build.polyhedra import file_solids
 from validation.scene.families.mesh import MeshScene
 from validation.scene.polyhedra import PolyhedralScene
@@ -20,6 +22,8 @@ _MISSING = 0.01
 #: Supports lie to one side where they are this part of the assembly away across gravity, and
 #: farther than below.
 _ASIDE = 0.25
+#: Rounding of heights, as a part of the assembly, of supports that lie wholly below.
+_LEVEL = 1e-3
 
 
 def doubts(
@@ -94,6 +98,13 @@ def _repairs(scene: MeshScene) -> str:
     return "; ".join(changed) or "nothing had to be changed"
 
 
+def _corners(assembly: AnyBlocks, block: int) -> FloatArray:
+    """World coordinates of the points that span a block, (n, 3) [mm]."""
+    shape = assembly.shape(block)
+    at = shape.points if isinstance(shape, Polyhedron) else shape.mesh.nodes
+    return assembly.place(block, at)
+
+
 def _supports_aside(scene: MeshScene, assembly: AnyBlocks) -> str:
     """Words where all supports lie beside the free blocks and not below, above or around them."""
     gravity = scene.effects.gravity
@@ -108,6 +119,10 @@ def _supports_aside(scene: MeshScene, assembly: AnyBlocks) -> str:
     if distance <= max(_ASIDE * reach, abs(float(away @ down))):
         return ""
     if (held @ across).min() <= (free @ across).mean():
+        return ""
+    lowest = [float((_corners(assembly, k) @ down).max()) for k in assembly.free_blocks]
+    tops = [float((_corners(assembly, k) @ down).min()) for k in np.flatnonzero(assembly.fixed)]
+    if min(tops) >= max(lowest) - _LEVEL * reach:  # they stand below, if aside
         return ""
     axis = int(np.argmax(np.abs(across)))
     side = f"{'-+'[int(across[axis] > 0)]}{'xyz'[axis]}"
