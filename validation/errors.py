@@ -209,7 +209,8 @@ def _unknown_key(path: tuple[int | str, ...], model: type[BaseModel]) -> str:
     if there is not None and there != place:
         return f"unknown key {place}: did you mean {there}?"
     known = _known_keys(model, path[:-1])
-    near = difflib.get_close_matches(key, known, n=1, cutoff=0.5)
+    begun = [name for name in known if name.startswith(key)]
+    near = begun or difflib.get_close_matches(key, known, n=1)
     if near:
         return f"unknown key {place}: did you mean {near[0]!r}?"
     hint = f": expected one of {', '.join(known)}" if known else "; remove it"
