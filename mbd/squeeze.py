@@ -26,7 +26,7 @@ from mbd.force_range import DETERMINED
 from mbd.friction import FrictionalContacts, least_forces
 from mbd.loading import MOST_SECONDS, load_by_increments
 from mbd.programs import Work
-from mbd.verdict import SQUEEZED
+from mbd.verdict import carried_words
 
 #: Joints that are asked for their least force, those first that miss most of it.
 _MOST_JOINTS = 6
@@ -49,20 +49,15 @@ class Squeeze:
 
     def words(self, named: Callable[[int], str] = str) -> str:
         """The verdict, blocks by their names."""
+        words = carried_words(self.needed)
         if self.needed is None:
-            return (
-                "carried if the load presses the joints itself (not decided: limit of work or "
-                f"time, after {self.programs} linear problems)"
-            )
-        if not self.needed:
-            return "carried"
-        press = f"carried{SQUEEZED}"
-        if self.blocks is None:
-            return press
+            return f"{words}: limit of work or time after {self.programs} linear problems"
+        if not self.needed or self.blocks is None:
+            return words
         m, s = map(named, self.blocks)
         if not self.least:
-            return f"{press}: the load presses too little between {m} and {s}"
-        return f"{press}: at least {self.least:.4g} N between {m} and {s}"
+            return f"{words}: the load presses too little between {m} and {s}"
+        return f"{words}: at least {self.least:.4g} N between {m} and {s}"
 
 
 def squeeze(

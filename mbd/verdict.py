@@ -14,7 +14,16 @@ from geometry.parts.rows import Row, finite, grouped
 from mbd.mechanism import Classification, MechanismClass
 
 #: What a load takes that does not press the joints itself.
-SQUEEZED = " if pressed beforehand (a hint, not proved)"
+_SQUEEZED = {
+    False: "",
+    True: " if pressed beforehand (a hint, not proved)",
+    None: " if the load presses the joints itself (not decided)",
+}
+
+
+def carried_words(squeezed: bool | None) -> str:
+    """That a load is carried, under which condition; None: the squeeze is not decided."""
+    return f"carried{_SQUEEZED[squeezed]}"
 
 
 class Verdict(NamedTuple):
@@ -30,15 +39,14 @@ class Verdict(NamedTuple):
     @property
     def condition(self) -> str:
         """Further condition, in words; empty where there is none."""
-        if not self.holds or self.squeezed is False:
-            return ""
-        return SQUEEZED if self.squeezed else " if the load presses the joints itself (not decided)"
+        return _SQUEEZED[self.squeezed] if self.holds else ""
 
     @property
     def carried(self) -> str:
         """Whether the load is carried, in words."""
-        words = {True: "carried", False: "not carried", None: "not decided"}
-        return words[self.holds] + self.condition
+        if self.holds:
+            return carried_words(self.squeezed)
+        return "not decided" if self.holds is None else "not carried"
 
 
 def _factor_words(factor: float) -> str:
