@@ -12,8 +12,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from geometry import Assembly, box_block
-from geometry.machine.work import LimitError
+from geometry import Assembly, RefusedError, box_block
 from tests.support.answers import on_its_mesh
 from validation import load_case, solve
 from validation.output.files import PICTURES
@@ -318,5 +317,5 @@ def test_too_few_addresses_for_pictures_are_one_line(monkeypatch: pytest.MonkeyP
     """Under `ulimit -v` VTK ended the process by a signal, or with a traceback."""
     monkeypatch.setattr(drawing, "address_space_left", lambda: 0.3 * 2**30)
     monkeypatch.delattr(drawing._WINDOWS, "window", raising=False)
-    with pytest.raises(LimitError, match=r"leaves 0\.3 \(ulimit -v\); raise it, or take --json"):
+    with pytest.raises(RefusedError, match=r"leaves 0\.3 \(ulimit -v\); raise it, or take --json"):
         drawing._window()

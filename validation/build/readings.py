@@ -120,8 +120,10 @@ def _supports_aside(scene: MeshScene, assembly: AnyBlocks) -> str:
         return ""
     if (held @ across).min() <= (free @ across).mean():
         return ""
-    lowest = [float((_corners(assembly, k) @ down).max()) for k in assembly.free_blocks]
-    tops = [float((_corners(assembly, k) @ down).min()) for k in np.flatnonzero(assembly.fixed)]
+    lowest = [float((_corners(assembly, k) @ down).max()) for k in assembly.free_blocks.tolist()]
+    tops = [
+        float((_corners(assembly, k) @ down).min()) for k in np.flatnonzero(assembly.fixed).tolist()
+    ]
     if min(tops) >= max(lowest) - _LEVEL * reach:  # they stand below, if aside
         return ""
     axis = int(np.argmax(np.abs(across)))
