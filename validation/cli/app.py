@@ -16,7 +16,6 @@ from typer.core import TyperCommand, TyperGroup, TyperOption
 from validation.cli import compare, cost, decks, fem, paper, rigid, robustness, scenes, study
 from validation.cli.options import command
 from validation.errors import InputError, places_of, run_command
-from validation.scene.keys.docstrings import words_of_fields
 
 
 class Command(TyperCommand):
@@ -41,6 +40,8 @@ def described(command: Any) -> Any:
     """Return a command with the help of its options that set fields of a method."""
     place = getattr(command.callback, "help_of", None)
     if place is not None:
+        from validation.scene.keys.docstrings import words_of_fields
+
         words = words_of_fields(*place)
         for option in command.params:
             if isinstance(option, TyperOption) and not option.help and option.name in words:
