@@ -24,13 +24,12 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 from mbd.analysis import RigidResult
-from mbd.answer import analyse
+from mbd.answer import analyse, stages
 from mbd.contact_jacobian import contact_jacobian
 from mbd.mechanism import MechanismClass
 from mbd.options import FrictionLaw, Norm, Rigid, Solver, Stages
 
 if TYPE_CHECKING:
-    from mbd.building.stages import stages
     from mbd.building.take_out import take_out
 
 __all__ = [
@@ -48,7 +47,7 @@ __all__ = [
 ]
 
 #: Loaded when asked for.
-_PLACES = {"stages": "mbd.building.stages", "take_out": "mbd.building.take_out"}
+_PLACES = {"take_out": "mbd.building.take_out"}
 
 
 def __getattr__(name: str) -> Any:

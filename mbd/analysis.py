@@ -307,32 +307,8 @@ def rigid_result(stated: RigidStatement, method: Rigid, tell: Callable[[str], No
     """
     with budget(method.max_work, clock(method.max_seconds), method.max_memory) as spent:
         _require_memory(stated, method)
-        start = time.process_time()
-        construction = _construction(stated, method, tell)
-        built = time.process_time() - start
         result = _result(stated, method, tell)
-    seconds = dict(result.cpu_seconds)
-    for stage in ("parts", "total"):
-        seconds[stage] = seconds.get(stage, 0.0) + built
-    return replace(
-        result, parts={**construction, **result.parts, "work": spent}, cpu_seconds=seconds
-    )
-
-
-def _construction(
-    stated: RigidStatement, method: Rigid, tell: Callable[[str], None]
-) -> dict[str, Part]:
-    """Stages of the construction, and ways out of the blocks, where they are asked."""
-    parts: dict[str, Part] = {}
-    if method.stages is not None:
-        from mbd.building.stages import stages
-
-        parts["stages"] = stages(stated, method.stages, method, progress=tell)
-    if method.take_out:
-        from mbd.building.take_out import take_out
-
-        parts["take_out"] = take_out(stated.rigid_blocks, tell)
-    return parts
+    return replace(result, parts={**result.parts, "work": spent})
 
 
 def _require_memory(stated: RigidStatement, method: Rigid) -> None:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import asdict, dataclass
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, cast
 
@@ -40,12 +41,14 @@ from mbd.analysis import AnalysisError, RigidResult, RigidStatement, as_statemen
 from mbd.contact_jacobian import contact_wrenches
 from mbd.mechanism import Mechanism
 from mbd.motion import placed_motion
-from mbd.options import Rigid
+from mbd.options import Rigid, Stages
 from mbd.rows import rigid_rows
 from mbd.supports import support_wrenches
 
 if TYPE_CHECKING:
+    from geometry.parts.rows import Part
     from geometry.polyhedra.assembly import PolyhedralAssembly
+    from mbd.building.stages import StageResults
     from mbd.motion import Motion
 
 #: Forces of joints below this part of the largest are zero to round-off.
@@ -105,8 +108,63 @@ def analyse(
             f"analyse: got a {type(method).__name__}; expected a method Rigid(...), and a load "
             "case as load="
         )
-    stated = as_statement(problem, load)
-    return _answer(stated, rigid_result(stated, method or Rigid(), progress or (lambda _: None)))
+    stated, method = as_statement(problem, load), method or Rigid()
+    tell, start = progress or (lambda _: None), time.process_time()
+    parts = _construction(stated, method, tell)
+    built = time.process_time() - start
+    result = rigid_result(stated, method, tell)
+    seconds = dict(result.cpu_seconds)
+    for stage in ("parts", "total") if parts else ():
+        seconds[stage] = seconds.get(stage, 0.0) + built
+    result = replace(result, parts={**parts, **result.parts}, cpu_seconds=seconds)
+    return _answer(stated, result)
+
+
+def stages(
+    problem: RigidStatement,
+    order: Stages | str | Sequence[Any] = "layers",
+    method: Rigid | None = None,
+    *,
+    progress: Callable[[str], None] | None = None,
+) -> StageResults:
+    """Judge every stage of the construction of a problem under the weight of what is placed.
+
+    Parameters
+    ----------
+    problem
+        Blocks with gravity, and friction or none.
+    order
+        `Stages`, or its order alone.
+    method
+        Norm of the forces, law of friction, and the limit of work for all stages together.
+    progress
+        Called with a line on what is being found.
+
+    Raises
+    ------
+    StagesError
+        A problem without weight, an order that misses or repeats a block or names none, a block in
+        the air where nothing may prop it.
+    """
+    from mbd.building.stages import judged
+
+    stated = order if isinstance(order, Stages) else Stages(order=cast("Any", order))
+    tell = progress or (lambda _: None)
+    return judged(problem, stated, method or Rigid(), tell, analyse)
+
+
+def _construction(
+    stated: RigidStatement, method: Rigid, tell: Callable[[str], None]
+) -> dict[str, Part]:
+    """Stages of the construction, and ways out of the blocks, where they are asked."""
+    parts: dict[str, Part] = {}
+    if method.stages is not None:
+        parts["stages"] = stages(stated, method.stages, method, progress=tell)
+    if method.take_out:
+        from mbd.building.take_out import take_out
+
+        parts["take_out"] = take_out(stated.rigid_blocks, tell)
+    return parts
 
 
 def _answer(stated: RigidStatement, result: RigidResult) -> Answer:

@@ -18,7 +18,7 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import scipy.sparse as sp
@@ -34,6 +34,7 @@ from geometry.parts.block_selection import numbers_of
 from geometry.parts.measures import joint_resultants
 from geometry.parts.placed import AnyBlocks
 from geometry.parts.rows import Row, grouped, number
+from mbd.analysis import RigidStatement, Stated
 from mbd.building.take_out import Removal, WayOut, take_out
 from mbd.contact_jacobian import Contacts, contact_jacobian, contact_wrenches
 from mbd.equilibrium import column_weights, equilibrium
@@ -48,7 +49,6 @@ from mbd.supports import support_wrenches
 
 if TYPE_CHECKING:
     from geometry.answer import Answer
-    from mbd.analysis import RigidStatement
 
 #: Props below this part of the weight that is placed are none.
 NO_PROP = 1e-6
@@ -351,35 +351,18 @@ class StageResults(Sequence[Stage]):
         }
 
 
-def stages(
+def judged(
     problem: RigidStatement,
-    order: Stages | str | Sequence[Any] = "layers",
-    method: Rigid | None = None,
-    *,
-    progress: Callable[[str], None] | None = None,
+    stated: Stages,
+    method: Rigid,
+    tell: Callable[[str], None],
+    solve: Callable[[RigidStatement, Rigid], Answer],
 ) -> StageResults:
-    """Judge every stage of the construction of a problem under the weight of what is placed.
+    """Judge every stage; ``solve`` answers one as a problem of its own.
 
-    Parameters
-    ----------
-    problem
-        Blocks with gravity, and friction or none.
-    order
-        `Stages`, or its order alone.
-    method
-        Norm of the forces, law of friction, and the limit of work for all stages together.
-    progress
-        Called with a line on what is being found.
-
-    Raises
-    ------
-    StagesError
-        A problem without weight, an order that misses or repeats a block or names none, a block in
-        the air where nothing may prop it.
+    ``tell`` is called with what is being found; errors are those of `mbd.stages`.
     """
-    stated = order if isinstance(order, Stages) else Stages(order=cast("Any", order))
-    method = method or Rigid()
-    build = _Building(problem, stated, method, progress or (lambda _: None))
+    build = _Building(problem, stated, method, tell, solve)
     # What presses joints beforehand is sought within the limit of work of all stages together.
     with budget(method.max_work, clock(method.max_seconds)):
         return StageResults(tuple(build.stages()), stated.along, build.blocks.named)
@@ -393,6 +376,7 @@ class _Building:
     stated: Stages
     method: Rigid
     tell: Callable[[str], None]
+    solve: Callable[[RigidStatement, Rigid], Answer]
     left: float = _SQUEEZES
     """Reference seconds for what presses joints beforehand."""
 
@@ -479,13 +463,10 @@ class _Building:
             residual /= size or 1.0
 
         def solve() -> Answer:
-            from mbd.analysis import Stated
-            from mbd.answer import analyse
-
             whole = self.problem.rigid_blocks.only(there)
             alone = replace(load, assembly=whole, body_wrenches=None)
             alone_by = replace(self.method, stages=None, take_out=False)
-            return analyse(Stated(whole, alone, load.wrenches, self.problem.coulomb), alone_by)
+            return self.solve(Stated(whole, alone, load.wrenches, self.problem.coulomb), alone_by)
 
         return Stage(
             number=n,

@@ -14,8 +14,8 @@ from geometry import SineBlock, tube
 from geometry.errors import RefusedError
 from geometry.families.masonry import CircularArch
 from geometry.polyhedra.assembly import PolyhedralAssembly, polyhedral_assembly
-from mbd import analyse
-from mbd.building.stages import StagesError, Stands, stages
+from mbd import analyse, stages
+from mbd.building.stages import StagesError, Stands
 from mbd.options import Along, Stages
 from tests.support.assemblies import boxes
 from tests.support.dome import hemisphere
