@@ -9,10 +9,9 @@ added.
 On finer and finer meshes (`sequence_bars`) factors are powers of their fineness, the squared degree
 over the size of elements: errors at edges fall so, since the h-p-version converges by h over p²
 where a solution is not smooth. Both meshes before the last are compared, in each direction that is
-finer, so that one agreement by chance is no convergence. Displacements and means over facets may
-fall faster than assumed: by the rate that three meshes show, of four or more the slower one of the
-last two. A pressure at a point whose changes do not shrink as the rate demands falls as slowly as
-they say: it may have its peak where the mesh is not yet fine.
+finer, so that one agreement by chance is no convergence. A pressure at a point whose changes do not
+shrink as the rate demands falls as slowly as they say: it may have its peak where the mesh is not
+yet fine.
 
 One mesh (`one_mesh_bars`) is compared with coarser ones: a run on a mesh with 1/r of the elements
 along every edge has r times the error. Elements of degree two and more are judged by the same
@@ -69,16 +68,15 @@ TOO_FAR = "not resolved (blocks move too far for facets of small motions)"
 #: Part of the largest last change that a local value is not known better than.
 _SHARED = 0.3
 #: The same of means over facets, which elements in one direction alone may not change.
-_SHARED_OF_FACETS = 0.01
+_SHARED_OF_FACETS = 0.03
 #: Measures whose errors fall with the distance of nodes: contact ends inside elements, where the
 #: degree counts once. They have bars by that distance.
 _BY_LENGTHS = frozenset({"max_displacement"})
 #: Power of the fineness of a mesh by which errors fall; of values that few elements decide.
 _RATE, _RATE_OF_FEW = 1.25, 1.0
-#: Measures that may fall faster, by the power that meshes show, up to the first one; at a point by
-#: the second one at least. Shares, powers and factors of safety are judged by the tables of
+#: A pressure at a point falls by the power that meshes show where that is less, by the second one
+#: at least. Shares, powers and factors of safety are judged by the tables of
 #: docs/trust/error-bars.md, which replay them on kept meshes.
-_INTEGRALS = frozenset({"max_displacement"}) | OF_FACETS
 _FASTEST, _SLOWEST = 3.0, 0.5
 #: Stresses below this share of the largest one need no finer mesh [-].
 _NEGLIGIBLE = 1e-3
@@ -187,12 +185,9 @@ def sequence_bars(meshes: Sequence[OnMesh], *, searched: bool = False) -> dict[s
 def _rate(meshes: Sequence[OnMesh], name: str) -> float:
     """Power of the fineness by which the error of a measure is taken to fall."""
     rate = _RATE_OF_FEW if name in LOCAL or name in AT_EDGES else _RATE
-    shown = [_shown_rate(meshes[k : k + 3], name) for k in range(len(meshes) - 2)][-2:]
-    if not shown:
+    if name != "p_max_point" or len(meshes) < 3:
         return rate
-    if name in _INTEGRALS:
-        return max(rate, min(shown))
-    return min(rate, shown[-1]) if name == "p_max_point" else rate
+    return min(rate, _shown_rate(meshes[-3:], name))
 
 
 def _shown_rate(meshes: Sequence[OnMesh], name: str) -> float:

@@ -25,7 +25,7 @@ def _notes(folder: Path, blocks: dict[str, Drawn], fixed: list[str], extra: str 
     )
     file = load_case(str(folder / "a.toml"))
     run = solve(file.with_method("rigid"))
-    return run.report["notes"], run.details.blocks
+    return run.as_dict().get("notes", {}), run.details.blocks
 
 
 def _wavy(k: int, n: int, bottom: int) -> Drawn:
@@ -74,4 +74,4 @@ def test_gaps_are_reported_where_the_blocks_are_analysed(tmp_path: Path) -> None
     proposed = re.search(r"detection\.tolerance = ([\d.]+)", doubts[_ROW])
     assert proposed is not None
     file = load_case(str(tmp_path / "a.toml"), [f"detection.tolerance={proposed[1]}"])
-    assert _ROW not in solve(file.with_method("rigid")).report["notes"]
+    assert _ROW not in solve(file.with_method("rigid")).as_dict().get("notes", {})

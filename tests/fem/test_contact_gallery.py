@@ -19,7 +19,6 @@ from collections.abc import Iterable
 import numpy as np
 import pytest
 
-from fem.answer import report_of
 from fem.state import State
 from tests.support.answers import on_its_mesh
 from validation import load_case
@@ -86,7 +85,9 @@ def test_a_roller_presses_as_hertz_says() -> None:
 
 def test_a_ball_presses_as_hertz_says() -> None:
     """A quarter, on fewer elements than the scene has."""
-    found = solved("hertz-ball", "mesh.elements=4", "contact.stiffness=3.5e5", "fem.motion_steps=3")
+    words = ["mesh.elements=4", "contact.stiffness=3.5e5", "fem.motion_steps=3"]
+    run = on_its_mesh(load_case("hertz-ball", words))
+    found = run.details
     state, modulus = found.contact_state, effective_modulus((STEEL, ALUMINIUM))
     force = 4.0 * press(found)
     a = (0.75 * force * RADIUS / modulus) ** (1.0 / 3.0)
@@ -95,7 +96,7 @@ def test_a_ball_presses_as_hertz_says() -> None:
     assert float(area @ p) == pytest.approx(force, rel=1e-3)
     check((r, area, p), float(area @ p), a, 1.5 * force / (math.pi * a**2), 2.5, elements=4)
     # What touches is a quarter of Hertz' circle, whose radius is known to half an element: a / 8.
-    touching = report_of(found)["dimensions"]["contact_area"]
+    touching = run.as_dict()["dimensions"]["contact_area"]
     assert touching == pytest.approx(0.25 * math.pi * a**2, rel=1.125**2 - 1.0)
     assert (
         float(state.areas.sum()) > 1.125**2 * 0.25 * math.pi * a**2
