@@ -79,17 +79,6 @@ def test_an_error_that_falls_by_the_rate_lies_within_its_bar_by_the_safety(
     assert bar_of(values, sizes, name) == pytest.approx(OF_SEQUENCES * (values[-1] - 3.0))
 
 
-@pytest.mark.parametrize("rate", [1.25, 2.0, 3.0])
-def test_means_over_facets_fall_by_the_rate_that_meshes_show(rate: float) -> None:
-    """Of four meshes by the slower one of two: a change that is small by chance counts once."""
-    sizes = (1.0, 2.0, 3.0, 4.0)
-    values = [3.0 + 7.0 / size**rate for size in sizes]
-    assert bar_of(values, sizes, "p_eff") == pytest.approx(OF_SEQUENCES * (values[-1] - 3.0))
-    chance = [*values[:3], values[2]]
-    before = 7.0 / 2.0**rate - 7.0 / 3.0**rate
-    assert bar_of(chance, sizes, "p_eff") == pytest.approx(OF_SEQUENCES * before / (2.0**rate - 1))
-
-
 def test_a_pressure_at_a_point_whose_changes_do_not_shrink_has_a_wide_bar() -> None:
     """Errors by the root of the fineness; a change that grows is no faster."""
     sizes = (1.0, 2.0, 4.0)
