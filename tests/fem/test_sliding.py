@@ -427,13 +427,16 @@ def test_blocks_that_nothing_determines_and_large_motions_are_named(
 
 @pytest.mark.filterwarnings("error::RuntimeWarning")
 def test_contact_forces_of_blocks_that_move_away_end() -> None:
-    """They grew until squares of displacements overflowed. The refusal names the blocks that no
-    contact holds, and an explicit run."""
+    """They grew until squares of displacements overflowed. Blocks go through the gap of 5 mm until
+    their neighbours stop them; what iteration leaves is in balance, and the answer says how far
+    they went."""
     mesh = {"mesh.around": 12, "mesh.radial": 1, "mesh.axial": 2, "assembly.layers": 1}
     case = load_case("tsb1-pipe", mesh | {"contact.clearance": 5.0, "fem.degree": 3})
-    named = "no equilibrium found .*no contact holds blocks 4, 5, 6, 7 .*use an explicit run"
-    with pytest.raises(RefusedError, match=named):
-        on_its_mesh(case, method="static")
+    found = on_its_mesh(case, method="static").as_dict()
+    assert found["residual"] < 1e-8
+    assert found["imbalance"]["force"] < 1e-8
+    assert found["max_displacement"] > 5.0
+    assert "large_motion" in found
 
 
 def test_large_motions_are_not_refined(
