@@ -38,13 +38,17 @@ def test_neither_a_fast_clock_nor_more_threads_change_an_answer(
 ) -> None:
     scene, method, settings = CASES[name]
     settings = settings | ({"fem.max_work": 0.3} if method == "static" else {})
-    case = load_case(scene, settings, method=method)
-    first = without_times(solve(case).as_dict())
+
+    def answer() -> Any:
+        """Of a case that has kept nothing: what is known already is not counted as work."""
+        return without_times(solve(load_case(scene, settings, method=method)).as_dict())
+
+    first = answer()
     for clock in ("process_time", "perf_counter"):
         readings = itertools.count(0.0, 10.0)
         monkeypatch.setattr(time, clock, lambda readings=readings: next(readings))
     with threadpool_limits(2, user_api="blas"):
-        assert without_times(solve(case).as_dict()) == first
+        assert answer() == first
     assert first["work"]["done"] > 0.0
 
 
