@@ -105,9 +105,9 @@ def test_lists_and_tuples_stand_for_arrays() -> None:
         np.testing.assert_allclose(load.facet_forces.sum(axis=0), [0.0, 0.0, -2e4])
 
 
-def test_a_file_that_ends_in_an_object_of_points_alone_is_rejected() -> None:
+def test_a_file_that_ends_in_an_object_of_points_alone_is_rejected(tmp_path: Path) -> None:
     """Cut anywhere, a file is read whole or rejected: no object is lost."""
-    path = Path("a.obj")
+    path = tmp_path / "a.obj"
     write_obj(path, _BOXES)
     text = path.read_text()
     for end in range(text.index("top") + 3, len(text.rstrip()), 7):
