@@ -316,7 +316,7 @@ def _require_memory(stated: RigidStatement, method: Rigid) -> None:
     blocks, each = stated.rigid_blocks, _CONTACT_BYTES
     if method.ranges or method.margin:
         each = _PROGRAM_BYTES
-    if method.collapse or method.sliding or _rubbing(stated.coulomb) is not None:
+    if method.collapse or method.sliding or rubbing(stated.coulomb) is not None:
         each = _CONE_BYTES
     if isinstance(blocks, Assembly):
         n = int(blocks.eligible_facets().sum()) // 2
@@ -340,7 +340,7 @@ def _result(stated: RigidStatement, method: Rigid, tell: Callable[[str], None]) 
             "analyse: no two of the blocks touch, and rigid blocks have forces in their joints "
             "alone; expected blocks that meet, or solve_static for single bodies"
         )
-    coulomb = _rubbing(stated.coulomb)
+    coulomb = rubbing(stated.coulomb)
     interference = stated.interference
     stated = Stated(whole, live_case, weight, coulomb)
     faces = whole
@@ -381,7 +381,7 @@ def _result(stated: RigidStatement, method: Rigid, tell: Callable[[str], None]) 
     return replace(result, parts=parts, cpu_seconds=seconds)
 
 
-def _rubbing(coulomb: Coulomb | None) -> Coulomb | None:
+def rubbing(coulomb: Coulomb | None) -> Coulomb | None:
     """Friction of a statement; none where all its coefficients are zero."""
     if coulomb is None or coulomb.coefficient or any(pair[2] for pair in coulomb.of_pairs):
         return coulomb

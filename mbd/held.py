@@ -29,7 +29,7 @@ from geometry.parts.pairs import pair_values
 from geometry.parts.placed import AnyBlocks
 from geometry.polyhedra.assembly import as_polyhedral
 from geometry.polyhedra.options import DetectionOptions
-from mbd.analysis import Coulomb
+from mbd.analysis import Coulomb, RigidStatement
 from mbd.contact_jacobian import Contacts, contact_jacobian
 from mbd.equilibrium import Equilibrium, column_weights, newton_equilibrium
 from mbd.friction import (
@@ -50,7 +50,7 @@ _MOST_POINTS = 20_000
 _HELD = 1e-9
 
 
-class Statement(Protocol):
+class Statement(RigidStatement, Protocol):
     """A statement of a problem on hexahedra, such as `fem.Problem`."""
 
     @property
@@ -60,14 +60,6 @@ class Statement(Protocol):
     @property
     def load_case(self) -> LoadCase:
         """Loads and supports without the weight."""
-
-    @property
-    def rigid_weight(self) -> FloatArray | None:
-        """Weight of each block about its mass centroid, (n_blocks, 6) [N, N mm]; None: none."""
-
-    @property
-    def coulomb(self) -> Coulomb | None:
-        """Friction; None: frictionless."""
 
     @property
     def finite_sliding(self) -> bool:

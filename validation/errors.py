@@ -13,6 +13,7 @@ from contextlib import contextmanager, suppress
 from typing import TYPE_CHECKING, Any, NoReturn, TextIO, get_args, get_origin
 
 from geometry.errors import RefusedError
+from geometry.parts.rows import first_of
 
 if TYPE_CHECKING:
     from pydantic import BaseModel, ValidationError
@@ -235,13 +236,6 @@ def _first(problems: list[Any]) -> Any:
     return (unknown or problems)[0]
 
 
-def _some(words: list[str]) -> str:
-    """The first of some words, and how many more there are."""
-    more = len(words) - _MOST_NAMED
-    named = ", ".join(words[:_MOST_NAMED])
-    return f"{named} and {more} more" if more > 0 else named
-
-
 def one_line(
     error: ValidationError, model: type[BaseModel], example: Mapping[str, Any] | None = None
 ) -> str:
@@ -273,7 +267,7 @@ def one_line(
             for p in problems
             if p["loc"] not in reported and (p["type"] == "missing") is (kind == "missing")
         )
-        line += f"; also {kind}: {_some(list(others))}" if others else ""
+        line += f"; also {kind}: {first_of(others, _MOST_NAMED)}" if others else ""
     # Names of keys may hold anything, line breaks too.
     return "".join(c if c.isprintable() else repr(c)[1:-1] for c in line)
 

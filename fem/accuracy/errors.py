@@ -74,10 +74,10 @@ _SHARED_OF_FACETS = 0.03
 _BY_LENGTHS = frozenset({"max_displacement"})
 #: Power of the fineness of a mesh by which errors fall; of values that few elements decide.
 _RATE, _RATE_OF_FEW = 1.25, 1.0
-#: A pressure at a point falls by the power that meshes show where that is less, by the second one
-#: at least. Shares, powers and factors of safety are judged by the tables of
+#: A pressure at a point falls by the power that meshes show where that is less, at least by this
+#: one. Shares, powers and factors of safety are judged by the tables of
 #: docs/trust/error-bars.md, which replay them on kept meshes.
-_FASTEST, _SLOWEST = 3.0, 0.5
+_SLOWEST = 0.5
 #: Stresses below this share of the largest one need no finer mesh [-].
 _NEGLIGIBLE = 1e-3
 #: A value at an edge that changes by more than the first share of its value, and by more than the
@@ -187,11 +187,11 @@ def _rate(meshes: Sequence[OnMesh], name: str) -> float:
     rate = _RATE_OF_FEW if name in LOCAL or name in AT_EDGES else _RATE
     if name != "p_max_point" or len(meshes) < 3:
         return rate
-    return min(rate, _shown_rate(meshes[-3:], name))
+    return _shown_rate(meshes[-3:], name, rate)
 
 
-def _shown_rate(meshes: Sequence[OnMesh], name: str) -> float:
-    """Power of the fineness that three meshes show, between the slowest and the fastest one.
+def _shown_rate(meshes: Sequence[OnMesh], name: str, most: float) -> float:
+    """Power of the fineness that three meshes show, between the slowest one and ``most``.
 
     Changes of an error c f^-r over the fineness f have the ratio (f₁^-r - f₂^-r) / (f₂^-r - f₃^-r).
     """
@@ -206,7 +206,7 @@ def _shown_rate(meshes: Sequence[OnMesh], name: str) -> float:
 
     if excess(_SLOWEST) >= 0.0 and three != two:
         return _SLOWEST
-    return _FASTEST if excess(_FASTEST) <= 0.0 else brentq(excess, _SLOWEST, _FASTEST, xtol=1e-12)
+    return most if excess(most) <= 0.0 else brentq(excess, _SLOWEST, most, xtol=1e-12)
 
 
 def one_mesh_bars(

@@ -205,13 +205,13 @@ def newton(problem: StaticProblem, state: Iterate) -> Iterate:
     slips, force = state.gaps.x[..., 1:], problem.step.internal_force(state.displacement)
     state = replace(state, at=np.concatenate([state.at[..., :1], slips], axis=2), force=force)
     least, since, softened, way = math.inf, 0, 0, np.zeros(1)
-    held = state
+    held: Iterate | None = None
     for _ in range(problem.max_iterations):
         before, begin = way, state.displacement
         try:
             state = _iterate(problem, state)
         except StaticError:
-            if not softened:
+            if held is None:
                 raise
             return held  # nothing stops the block: as if it had not been let go
         way = state.displacement - begin
@@ -222,11 +222,11 @@ def newton(problem: StaticProblem, state: Iterate) -> Iterate:
         if since > (_PATIENCE_NEAR if least < _NEAR else _PATIENCE):
             if softened >= _SOFTENED or state.time is not None or not _drifts(before, way):
                 break
-            held = held if softened else state
+            held = state if held is None else held
             softer = _FADING * state.first_holding, _FADING * state.holding
             state = replace(state, first_holding=softer[0], holding=softer[1])
             since, softened = 0, softened + 1
-    return state if state.converged or not softened else held
+    return state if state.converged or held is None else held
 
 
 def _drifts(before: FloatArray, way: FloatArray) -> bool:

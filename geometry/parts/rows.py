@@ -29,6 +29,14 @@ def finite(value: float) -> float | None:
     return float(value) if isfinite(value) else None
 
 
+def first_of(words: Iterable[str], most: int) -> str:
+    """The first of some words, and how many more there are."""
+    every = list(words)
+    more = len(every) - most
+    named = ", ".join(every[:most])
+    return f"{named} and {more} more" if more > 0 else named
+
+
 class Row(NamedTuple):
     """A line of a table: text, JSON and pages are made from the same rows."""
 

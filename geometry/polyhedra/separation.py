@@ -110,6 +110,15 @@ def _least_translation(normals: FloatArray, depths: FloatArray) -> FloatArray | 
     return None if size <= 1e-9 else rest[:3] / size * -np.sign(rest[3])
 
 
+def spread(directions: FloatArray, most: int) -> FloatArray:
+    """Different ones of unit vectors (n, 3), each the farthest from those before it."""
+    chosen, nearest = [0], directions @ directions[0]
+    while len(chosen) < min(most, len(directions)) and nearest.min() < _SAME:
+        chosen.append(int(nearest.argmin()))
+        nearest = np.maximum(nearest, directions @ directions[chosen[-1]])
+    return directions[chosen]
+
+
 def _freeing_normals(
     direction: FloatArray,
     at: FloatArray,
@@ -192,11 +201,7 @@ class _Seen:
         if not len(every):
             return every
         every /= np.linalg.norm(every, axis=1, keepdims=True)
-        chosen, nearest = [0], every @ every[0]
-        while len(chosen) < min(_MOST_DIRECTIONS, len(every)) and nearest.min() < _SAME:
-            chosen.append(int(nearest.argmin()))
-            nearest = np.maximum(nearest, every @ every[chosen[-1]])
-        return every[chosen]
+        return spread(every, _MOST_DIRECTIONS)
 
     def _piercing(
         self, one: Polyhedron, other: Polyhedron, into: Callable[[FloatArray], FloatArray]

@@ -33,8 +33,8 @@ from geometry.parts.balance import of_fixed_blocks, together
 from geometry.parts.block_selection import numbers_of
 from geometry.parts.measures import joint_resultants
 from geometry.parts.placed import AnyBlocks
-from geometry.parts.rows import Row, grouped, number
-from mbd.analysis import RigidStatement, Stated
+from geometry.parts.rows import Row, first_of, grouped, number
+from mbd.analysis import RigidStatement, Stated, rubbing
 from mbd.building.take_out import Removal, WayOut, take_out
 from mbd.contact_jacobian import Contacts, contact_jacobian, contact_wrenches
 from mbd.equilibrium import column_weights, equilibrium
@@ -211,12 +211,11 @@ class Stage:
         """Verdict, and what it takes."""
         words = str(self.stands)
         if self.stands is Stands.PROPS:
-            shares = [
+            shares = (
                 f"{number(float(np.linalg.norm(self.props[k])))} N under block {self.named(k)}"
-                for k in self.propped[:3]
-            ]
-            more = f" and {len(self.propped) - 3} more" if len(self.propped) > 3 else ""
-            words += f": {number(self.propping)} N in all, {', '.join(shares)}{more}"
+                for k in self.propped
+            )
+            words += f": {number(self.propping)} N in all, {first_of(shares, 3)}"
         if not np.isnan(self.largest_force):
             words += f"; thrust {number(self.thrust)} N, largest joint force "
             words += f"{number(self.largest_force)} N"
@@ -324,21 +323,22 @@ class StageResults(Sequence[Stage]):
         """The verdict, each stage, and until when each prop stays."""
         rows = []
         for stage in self._shown:
-            new = ", ".join(map(self.named, stage.new[:4]))
-            new += f" and {len(stage.new) - 4} more" if len(stage.new) > 4 else ""
+            new = first_of(map(self.named, stage.new), 4)
             rows.append(Row(f"stage {stage.number}", f"places {new}: {stage.words}"))
         if len(self._shown) < len(self.stages):
             left = len(self.stages) - len(self._shown)
             rows.append(Row("stages", f"{left} more, in the report"))
         if self.until:
-            each = [f"{self.named(k)} until {n}" for k, n in sorted(self.until.items())]
-            more = f" and {len(each) - 8} more, in the report" if len(each) > 8 else ""
-            rows.append(Row("props stay", f"block {', '.join(each[:8])}{more}"))
-        exact = f"below {NO_PROP:g} of the weight none; their sum is the least, not their shares"
+            each = (f"{self.named(k)} until {n}" for k, n in sorted(self.until.items()))
+            rows.append(Row("props stay", f"block {first_of(each, 8)}"))
+        exact = (
+            f"under weight alone, on faces alone; props below {NO_PROP:g} of the weight are "
+            "none; their sum is the least, their shares are not unique"
+        )
         return grouped(
             verdict=[Row("construction", self.words)],
             measures=rows,
-            evidence=[Row("props", exact)],
+            evidence=[Row("stages", exact)],
         )
 
     def as_json(self) -> dict[str, Any]:
@@ -400,6 +400,12 @@ class _Building:
             raise StagesError(
                 "stages: no weight acts, and stages are judged under the weight of what is placed; "
                 "expected gravity"
+            )
+        total = weight[:, :3].sum(axis=0)
+        if total[2] >= 0.0:
+            raise StagesError(
+                f"stages: weight acts along ({', '.join(map(number, total))}) N, and props push "
+                "along z; expected gravity with a part along -z"
             )
         return weight
 
@@ -493,7 +499,7 @@ class _Building:
             lines=(),
             nodes=(),
             fixed=self.fixed | ~there,
-            held=tuple(support for support in stated.held if there[support.block]),
+            held=tuple(s for s in stated.held if there[s.block] and not s.is_push),
             body_wrenches=self.weight * there[:, None],
         )
 
@@ -520,7 +526,7 @@ class _Building:
         return Stands.STANDS if found.needed is False else Stands.PRESSED
 
     def _question(self, blocks: AnyBlocks, load: LoadCase) -> Question:
-        coulomb, method, weight = self.problem.coulomb, self.method, load.wrenches
+        coulomb, method, weight = rubbing(self.problem.coulomb), self.method, load.wrenches
         contacts = contact_jacobian(blocks, load.fixed, load.held)
         smooth = equilibrium(
             contacts.jacobian,

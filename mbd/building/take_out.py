@@ -23,7 +23,8 @@ from scipy.sparse.csgraph import connected_components
 
 from geometry.mesh import BoolArray, FloatArray, IntArray
 from geometry.parts.placed import AnyBlocks
-from geometry.parts.rows import Row, finite, grouped, number
+from geometry.parts.rows import Row, finite, first_of, grouped, number
+from geometry.polyhedra.separation import spread
 from mbd.building.sweeps import Sweeps
 from mbd.contact_jacobian import contact_jacobian
 from mbd.mechanism import Mechanism, classify
@@ -57,6 +58,13 @@ def _units(vectors: FloatArray) -> FloatArray:
     return vectors[kept] / size[kept, None]
 
 
+def _rays(normals: FloatArray) -> FloatArray:
+    """Both ways along the lines of each two planes with normals (n, 3)."""
+    i, j = np.triu_indices(len(normals), 1)
+    rays = _units(np.cross(normals[i], normals[j]))
+    return np.concatenate([rays, -rays])
+
+
 def free_directions(normals: FloatArray) -> FloatArray:
     """Rays of the cone n·d >= 0, its middle, and axes in it; up first; (n_directions, 3).
 
@@ -65,19 +73,12 @@ def free_directions(normals: FloatArray) -> FloatArray:
     normals = _distinct(normals)
     if not len(normals):
         return _AXES.copy()
-    few = normals
-    if len(few) > _MOST_NORMALS:
-        chosen, nearest = [0], few @ few[0]
-        while len(chosen) < _MOST_NORMALS:
-            chosen.append(int(nearest.argmin()))
-            nearest = np.maximum(nearest, few @ few[chosen[-1]])
-        few = few[chosen]
-    i, j = np.triu_indices(len(few), 1)
-    rays = _units(np.cross(few[i], few[j]))
+    few = normals if len(normals) <= _MOST_NORMALS else spread(normals, _MOST_NORMALS)
+    rays = _rays(few)
     # In planes and on lines of the cone the axes are nearest to what a mason would try.
     flat = _units((_AXES[:, None] - (_AXES @ few.T)[:, :, None] * few).reshape(-1, 3))
     middle = _units(few.sum(axis=0)[None])
-    tried = np.concatenate([_AXES, middle, few, rays, -rays, flat])
+    tried = np.concatenate([_AXES, middle, few, rays, flat])
     allowed = (tried @ normals.T).min(axis=1) >= -ANGLE
     found = _distinct(tried[allowed])
     order = np.argsort(-np.round(found[:, 2], 6), kind="stable")
@@ -117,8 +118,7 @@ class WayOut:
 
     def words(self, named: Callable[[int], str]) -> str:
         """Direction and distance, or what holds it."""
-        others = ", ".join(named(k) for k in self.met[:4])
-        others += f" and {len(self.met) - 4} more" if len(self.met) > 4 else ""
+        others = first_of(map(named, self.met), 4)
         if self.direction is None:
             turn = "; a small turn is free" if self.turns else ""
             return f"held by {others}{turn}"
@@ -206,9 +206,7 @@ class Removal:
             normals = _distinct(self.touching(block, there)[1])
             directions.append(free_directions(normals))
             if len(normals) <= _FEW_NORMALS:
-                i, j = np.triu_indices(len(normals), 1)
-                rays = _units(np.cross(normals[i], normals[j]))
-                directions += [rays, -rays]
+                directions.append(_rays(normals))
         return _distinct(np.concatenate(directions))[:_MOST_DIRECTIONS]
 
     def _pressed(self, direction: FloatArray) -> BoolArray:
@@ -289,8 +287,7 @@ class TakeOut:
             groups = sum(len(way.blocks) > 1 for way in self.order)
             as_groups = f", {groups} times several as one" if groups else ""
             return f"all {n} free blocks come out one after the other{as_groups}"
-        names = ", ".join(map(self.blocks.named, self.left[:6]))
-        names += f" and {len(self.left) - 6} more" if len(self.left) > 6 else ""
+        names = first_of(map(self.blocks.named, self.left), 6)
         return (
             f"no order by translations of one group at a time: {n - len(self.left)} of {n} free "
             f"blocks come out; {names} hold each other"

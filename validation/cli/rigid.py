@@ -78,7 +78,7 @@ def mbd(
     if stages and case.scene.stages is None:
         case = case.changed({"stages.order": "layers"})
     if combinations:
-        alone = {"fields": fields, "layers-to-unlock": unlock, "refine": refine}
+        alone = {"fields": fields, "layers-to-unlock": unlock, "refine": refine, "stages": stages}
         solve_combinations(case, json, output, alone | {"disassemble": disassemble})
         return
     if unlock or refine:
