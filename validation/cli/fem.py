@@ -58,21 +58,17 @@ def fem(
     Static or explicit: displacements, principal stresses, contact pressures, energies.
     """
     from validation.case import load_case, with_auto
-    from validation.output.deformable.answers import write_run_files
+    from validation.output.command_files import write
 
     case = with_auto(load_case(scene, settings or ()), auto, keep or ())
     if combinations:
-        others = {"resume": resume, "fields": fields, "auto": auto, "keep": keep}
+        others = {"--resume": resume, "--fields": fields, "--auto": auto, "--keep": keep}
         solve_combinations(case, json, output, others)
         return
     with _outputs(case, json, output, resume, fields=fields) as outputs:
         case, decision = decided(case, outputs.console, keep)
         answer = _solved(case, outputs, resume).with_report(decision)
-        outputs.show(answer.table)
-        outputs.tell_keys(answered=True)
-        if outputs.folder is not None:
-            write_run_files(answer, outputs)
-        outputs.write_answer(answer)
+        write(answer, outputs)
         for line in _remedies(answer, outputs, ["tubelock", "fem", scene], settings or ()):
             outputs.console.print(line, soft_wrap=True)
     exit_by(answer, case.method)
@@ -83,7 +79,7 @@ def _outputs(
 ) -> Outputs:
     """What the command writes; a checkpoint that it goes on from stays, unless it is its own."""
     from fem.method import Static
-    from validation.output.deformable.answers import FILES
+    from validation.output.command_files import FILES
 
     if resume is not None and isinstance(case.method, Static):
         raise InputError(

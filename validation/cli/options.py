@@ -135,7 +135,7 @@ def decided(
 def solve_combinations(
     case: Case, json: str | None, output: Path | None, others: Mapping[str, Any]
 ) -> None:
-    """Solve and print the combinations of a scene; ``others`` are options that have no part in it.
+    """Solve and print the combinations of a scene; ``others`` is what has no part in it.
 
     Factors of named loads are those of weight, load and [[loads]].
     """
@@ -143,9 +143,11 @@ def solve_combinations(
     from validation.study import combinations as study
     from validation.study.rowfile import store_or_none
 
-    for name, given in others.items():
+    apart = {"--take-out ([rigid] take_out)": "take_out", "--stages ([stages])": "stages"}
+    asked = {option: getattr(case.method, key, None) for option, key in apart.items()}
+    for name, given in {**others, **asked}.items():
         if given:
-            raise InputError(f"--combinations and --{name}: choose one of the two")
+            raise InputError(f"--combinations and {name}: choose one of the two")
     names = ("combinations.csv", "combinations.jsonl")
     with scene_outputs(case, json, output, names, ending="-combinations") as outputs:
         rows = None if outputs.folder is None else outputs.path(names[1])

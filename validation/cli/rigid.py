@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -23,7 +24,33 @@ if TYPE_CHECKING:
     from geometry.answer import Answer
     from geometry.parts.rows import Part
     from validation.case import Case
-    from validation.output.explosion import Explosion
+
+
+UnlockOption = Annotated[
+    bool,
+    typer.Option(
+        "--layers-to-unlock",
+        help="Also determine the number of layers at which the tube ceases to be locked.",
+    ),
+]
+RefineOption = Annotated[
+    bool, typer.Option("--refine", help="h-refinement check: also solve with half the facet size.")
+]
+DisassembleOption = Annotated[
+    bool,
+    typer.Option(
+        "--disassemble",
+        help="Also test of a tube how far all blocks can move outward, rings released.",
+    ),
+]
+StagesOption = Annotated[
+    bool,
+    typer.Option(
+        "--stages",
+        help="Whether each stage of the construction stands, and its least propping: in the order "
+        "of [stages], or layer by layer.",
+    ),
+]
 
 
 @method_options("rigid", "take_out", "max_work", "max_seconds", "max_memory")
@@ -36,32 +63,10 @@ def mbd(
     ] = None,
     *,
     fields: FieldsOption = False,
-    unlock: Annotated[
-        bool,
-        typer.Option(
-            "--layers-to-unlock",
-            help="Also determine the number of layers at which the tube ceases to be locked.",
-        ),
-    ] = False,
-    refine: Annotated[
-        bool,
-        typer.Option("--refine", help="h-refinement check: also solve with half the facet size."),
-    ] = False,
-    disassemble: Annotated[
-        bool,
-        typer.Option(
-            "--disassemble",
-            help="Also test of a tube how far all blocks can move outward, rings released.",
-        ),
-    ] = False,
-    stages: Annotated[
-        bool,
-        typer.Option(
-            "--stages",
-            help="Whether each stage of the construction stands, and its least propping: in the "
-            "order of [stages], or layer by layer.",
-        ),
-    ] = False,
+    unlock: UnlockOption = False,
+    refine: RefineOption = False,
+    disassemble: DisassembleOption = False,
+    stages: StagesOption = False,
     combinations: CombinationsOption = False,
 ) -> None:
     """Rigid-block analysis: locked or not, equilibrium, pressures.
@@ -70,56 +75,40 @@ def mbd(
     pressures.
     """
     from validation.case import load_case
+    from validation.output.command_files import FILES, write
     from validation.output.progress import following
-    from validation.output.rigid import FILES, write_rigid
     from validation.solving import solve
+    from validation.study.mesh_and_frames import check_asked
 
     case = load_case(scene, settings or (), method="rigid")
-    if stages and case.scene.stages is None:
+    if stages and "stages" not in case.keys:
         case = case.changed({"stages.order": "layers"})
+    asked = {"--layers-to-unlock": unlock, "--refine": refine, "--disassemble": disassemble}
     if combinations:
-        alone = {"fields": fields, "layers-to-unlock": unlock, "refine": refine, "stages": stages}
-        solve_combinations(case, json, output, alone | {"disassemble": disassemble})
+        solve_combinations(case, json, output, {"--fields": fields, **asked})
         return
-    if unlock or refine:
-        from validation.study.mesh_and_frames import check
-
-        check(case, unlock=unlock, refine=refine)
+    check_asked(case, asked)
     with scene_outputs(case, json, output, FILES, fields=fields) as outputs:
-        parts: dict[str, Part] = {"disassembly": _exploded(case)} if disassemble else {}
         with following(case.name) as show:
             answer = solve(case, show)
-        parts |= _studied(case, answer, unlock=unlock, refine=refine)
-        answer = answer.beside(parts)
-        outputs.show(answer.table)
-        outputs.tell_keys(answered=True)
-        if outputs.folder is not None:
-            write_rigid(answer, outputs)
-        outputs.write_answer(answer)
+        write(answer.beside(_studied(case, answer, asked)), outputs)
 
 
-def _studied(case: Case, answer: Answer, *, unlock: bool, refine: bool) -> dict[str, Part]:
-    """Answers to other numbers of layers and to shorter facets."""
+def _studied(case: Case, answer: Answer, asked: Mapping[str, bool]) -> dict[str, Part]:
+    """Answers to other numbers of layers and to shorter facets, and the motion outwards."""
     from validation.output.progress import following
+    from validation.study.mesh_and_frames import layers_to_unlock, refined
 
     parts: dict[str, Part] = {}
-    if unlock:
-        from validation.study.mesh_and_frames import layers_to_unlock
+    if asked["--disassemble"]:
+        from validation.output.explosion import run_explosion
 
+        with following(f"{case.name}: motion outwards"):
+            parts["disassembly"] = run_explosion(case)
+    if asked["--layers-to-unlock"]:
         with following(f"{case.name}: layers to unlock"):
             parts["layers_to_unlock"] = layers_to_unlock(case)
-    if refine:
-        from validation.study.mesh_and_frames import refined
-
+    if asked["--refine"]:
         with following(f"{case.name}: half the facet size"):
             parts["refinement"] = refined(case, answer)
     return parts
-
-
-def _exploded(case: Case) -> Explosion:
-    """Motion of all blocks outwards."""
-    from validation.output.explosion import run_explosion
-    from validation.output.progress import following
-
-    with following(f"{case.name}: motion outwards"):
-        return run_explosion(case)

@@ -15,10 +15,9 @@ from geometry.machine.system import write_whole
 from geometry.parts.rows import RowTable
 from validation.case import Case
 from validation.errors import InputError
-from validation.output.deformable.answers import run_pictures
+from validation.output.command_files import is_meshed, pictures
 from validation.output.pictures.view_3d import View3d, viewer_page
 from validation.output.provenance import Provenance
-from validation.output.rigid import is_meshed, rigid_pictures
 from validation.pages.page import page_text, webp_of
 from validation.pages.verdicts import Verdict, verdicts
 from validation.pages.views import layer_words, middle_layers, pressure_view, stress_view
@@ -193,16 +192,12 @@ def _side_by_side(known: Answer, tell: Tell) -> LoadTable:
 
 def _pictures(report: SceneReport) -> Iterator[tuple[str, str, Callable[[Path], None]]]:
     """Kind of blocks, name and drawing of each picture."""
-    rigid, run = report.rigid, report.deformable
-    if run is not None:
-        for name, draw in run_pictures(run).items():
-            yield "deformable", Path(name).stem, partial(draw, run)
-    if rigid is None:
-        return
-    if is_meshed(rigid):
+    rigid = report.rigid
+    if rigid is not None and is_meshed(rigid):
         yield "all", "assembly", lambda path: _draw_assembly(rigid, path)
-    for name, drawn in rigid_pictures(rigid).items():
-        yield "rigid", Path(name).stem, drawn
+    for kind, answer in (("deformable", report.deformable), ("rigid", rigid)):
+        for name, draw in ({} if answer is None else pictures(answer)).items():
+            yield kind, Path(name).stem, draw
 
 
 def _draw_assembly(run: Answer, path: Path) -> None:

@@ -10,6 +10,7 @@ import numpy as np
 
 from fem.state import State
 from geometry.answer import Answer
+from validation.output.command_files import is_meshed
 from validation.output.pictures.bodies import (
     PressedFacets,
     colours_of_blocks,
@@ -25,7 +26,6 @@ from validation.output.pictures.polyhedra import contact_parts, polyhedra_parts
 from validation.output.pictures.scales import Scale, drawing_scale
 from validation.output.pictures.tubes import all_faces, stress_scale
 from validation.output.pictures.view_3d import View3d, make_view
-from validation.output.rigid import is_meshed
 from validation.scene.family import RoundScene
 from validation.scene.read import DeformableScene
 

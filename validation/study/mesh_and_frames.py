@@ -9,6 +9,7 @@ hexagon-based blocks under internal pressure are. `layers_to_unlock` finds how m
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -17,7 +18,7 @@ from geometry.parts.rows import Row, number
 from mbd import MechanismClass
 from validation.case import Case
 from validation.errors import InputError
-from validation.scene.family import AssemblyScene, RoundScene
+from validation.scene.family import AssemblyScene, RoundScene, round_types
 from validation.solving import solve
 
 #: Elements along every edge over those of the scene.
@@ -68,15 +69,16 @@ class Refinement:
         return asdict(self) | {"not_converged": self.not_converged}
 
 
-def check(case: Case, *, unlock: bool, refine: bool) -> None:
+def check_asked(case: Case, asked: Mapping[str, bool]) -> None:
     """Reject what makes no tube, and facets that are given node by node or by triangles."""
-    if unlock and not isinstance(case.scene, RoundScene):
-        raise InputError(
-            f"{case.name}: --layers-to-unlock: block.type {case.scene.block.type!r} makes no tube; "
-            'expected "sine" or "hexagon"'
-        )
+    for option in ("--layers-to-unlock", "--disassemble"):
+        if asked[option] and not isinstance(case.scene, RoundScene):
+            raise InputError(
+                f"{case.name}: {option}: block.type {case.scene.block.type!r} makes no tube; "
+                f"expected {round_types()}"
+            )
     meshed = isinstance(case.scene, AssemblyScene)
-    if refine and not (meshed and case.scene.coarser(FACTOR)):
+    if asked["--refine"] and not (meshed and case.scene.coarser(FACTOR)):
         raise InputError(
             f"{case.name}: --refine: its blocks have no mesh that could be refined; expected a "
             "scene that states how many elements a block has"

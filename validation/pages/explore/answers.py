@@ -19,10 +19,10 @@ from geometry.answer import Answer
 from geometry.errors import RefusedError
 from validation.case import Case, scene_case
 from validation.errors import InputError
+from validation.output.command_files import is_meshed, pictures
 from validation.output.pictures.canvas import View
 from validation.output.pictures.scales import Scale
 from validation.output.pictures.view_3d import colour_gradient
-from validation.output.rigid import is_meshed, rigid_pictures
 from validation.pages.verdicts import verdicts
 from validation.pages.views import layer_words, middle_layers, rigid_view, stressed
 from validation.scene.keys.idle import idle_keys
@@ -226,7 +226,7 @@ def _deck(file: Case) -> bytes:
 
 def _drawing(run: Answer) -> Any:
     """The first picture of `tubelock mbd`."""
-    pictures = rigid_pictures(run)
-    if not pictures:
+    drawings = pictures(run)
+    if not drawings:
         raise InputError("picture: the load is not carried; there are no pressures to draw")
-    return next(iter(pictures.values()))
+    return next(iter(drawings.values()))

@@ -1,0 +1,190 @@
+"""Files that a command leaves of an answer beside its numbers: tables, pictures, histories."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, cast
+
+import numpy as np
+
+from geometry.answer import Answer, is_round
+from geometry.assembly import Assembly
+from geometry.files.mesh_io import write_cells
+from geometry.machine.system import write_whole
+from geometry.parts.measures import SectionForces
+from validation.output import answer_files
+from validation.output.deformable.fields import FRAMES
+from validation.output.files import write_csv
+from validation.output.forces import JOINT_FILES, SECTION_FILES, write_joints, write_sections
+from validation.output.outputs import Outputs
+from validation.solving import solve
+
+if TYPE_CHECKING:
+    from fem.explicit.output.energy import History
+    from validation.output.explosion import Explosion
+
+#: Files of an answer.
+FILES = (
+    *answer_files.FILES,
+    *JOINT_FILES,
+    *SECTION_FILES,
+    "contact_pressures.png",
+    "contacts.vtu",
+    "contacts.png",
+    "mechanism.png",
+    "explosion.png",
+    "stages.png",
+    "stresses.png",
+    "sections.png",
+    "displacement.png",
+    "motions.csv",
+    "motions.png",
+    "history.csv",
+    "energies.png",
+    FRAMES,
+    "frames.pvd",
+)
+
+
+def is_meshed(answer: Answer) -> bool:
+    """Whether blocks of a rigid answer have hexahedra; else they are solids with flat patches."""
+    return isinstance(answer.details.blocks, Assembly)
+
+
+def write(answer: Answer, outputs: Outputs) -> None:
+    """Print the table of an answer and write its files."""
+    outputs.show(answer.table)
+    outputs.tell_keys(answered=True)
+    if outputs.folder is not None:
+        _write_files(answer, outputs)
+    outputs.write_answer(answer)
+
+
+def _write_files(answer: Answer, outputs: Outputs) -> None:
+    details, rigid = answer.details, answer.method == "rigid"
+    if rigid and not is_meshed(answer):
+        outputs.write("contacts", "contacts.vtu", partial(_write_contacts, answer))
+    if details.holds if rigid else details.deformable.meets:
+        blocks = details.blocks if rigid else details.deformable.assembly
+        write_joints(details.joints, outputs, blocks.names)
+    sections = answer.parts.get("sections")
+    write_sections(sections if isinstance(sections, SectionForces) else None, outputs)
+    for name, draw in pictures(answer).items():
+        outputs.write("picture", name, draw)
+    if rigid:
+        return
+    if details.push_curves:
+        _write_motions(answer, outputs)
+    if details.run is not None:
+        _write_history(details.run.history, answer.title, outputs)
+    if answer.case.method.frames > 0:
+        outputs.path(FRAMES)
+        outputs.say("frames", outputs.path("frames.pvd"))
+
+
+def pictures(answer: Answer) -> dict[str, Callable[[Path], None]]:
+    """Pictures of an answer by the names of their files."""
+    result = _rigid_pictures if answer.method == "rigid" else _deformable_pictures
+    return {name: partial(draw, answer) for name, draw in result(answer).items()}
+
+
+def _rigid_pictures(answer: Answer) -> dict[str, Callable[[Answer, Path], None]]:
+    from validation.output.pictures.assemblies import draw_mechanism, draw_pressures
+    from validation.output.pictures.polyhedra import draw_explosion, draw_polyhedra
+
+    result: dict[str, Callable[[Answer, Path], None]] = {}
+    if "disassembly" in answer.parts:
+        explosion = cast("Explosion", answer.parts["disassembly"])
+        result["explosion.png"] = lambda _, path: draw_explosion(explosion, path)
+    if not is_meshed(answer):
+        result["contacts.png"] = draw_polyhedra
+    elif answer.details.holds:
+        result["contact_pressures.png"] = draw_pressures
+    if "mechanism" in answer.fields:
+        result["mechanism.png"] = draw_mechanism
+    if "stages" in answer.parts:
+        from validation.output.pictures.construction import draw_stages
+
+        result["stages.png"] = draw_stages
+    return result
+
+
+def _deformable_pictures(answer: Answer) -> dict[str, Callable[[Answer, Path], None]]:
+    """Sections and the view along an axis are those of tubes."""
+    from validation.output.pictures import tubes
+
+    result: dict[str, Callable[[Answer, Path], None]] = {}
+    if answer.details.deformable.meets:
+        result["contact_pressures.png"] = tubes.draw_contact
+    result["stresses.png"] = tubes.draw_stresses
+    if is_round(answer.details.deformable.assembly):
+        result["sections.png"] = tubes.draw_sections
+        result["displacement.png"] = tubes.draw_displacement
+    return result
+
+
+def _write_contacts(answer: Answer, path: Path) -> None:
+    """Write the contact polygons with pressures, normals and blocks as `.vtu` triangles."""
+    interfaces = answer.details.blocks.interfaces
+    polygons, patches = interfaces.polygons, interfaces.patches
+    triangles, owner = polygons.triangles
+    patch = polygons.patch[owner]
+    carried = {}
+    if contacts := answer.contacts:  # an attempt that failed is no field
+        traction = contacts["force"] / contacts["area"][:, None]
+        carried = {
+            "patch_pressure": contacts["pressure"][patch],
+            "patch_traction": traction[patch],
+        }
+    write_cells(
+        path,
+        polygons.corners,
+        "triangle",
+        triangles,
+        cell_data={
+            **carried,
+            "normal": patches.normals[patch],
+            "block_m": patches.block_m[patch].astype(np.int32),
+            "block_s": patches.block_s[patch].astype(np.int32),
+        },
+    )
+
+
+def _write_motions(answer: Answer, outputs: Outputs) -> None:
+    """Write force against displacement of supports that move, next to the rigid limit."""
+    from validation.output.pictures.motions import draw_motions
+
+    curves, limit = answer.details.push_curves, _rigid_limit(answer)
+    rows = [
+        (curve.name, *row)
+        for curve in curves
+        for row in zip(curve.times, curve.displacements, curve.forces, strict=True)
+    ]
+    heads = ("support", "time_s", "displacement_mm", "force_N")
+    outputs.write("motions", "motions.csv", lambda path: write_csv(path, heads, rows))
+    outputs.write(
+        "picture",
+        "motions.png",
+        lambda path: draw_motions(curves, path, title=answer.title, limit=limit),
+    )
+
+
+def _rigid_limit(answer: Answer) -> float | None:
+    """Limit of the push of a scene with associated friction [N]; None where there is none."""
+    if not any(support.is_push for support in answer.problem.load_case.held):
+        return None
+    push = solve(answer.case.with_method("rigid")).parts["push_limit"]
+    return push.associated  # type: ignore[attr-defined]
+
+
+def _write_history(history: History, title: str, outputs: Outputs) -> None:
+    """Write energies over time as table and picture."""
+    from validation.output.pictures.energies import draw_energies
+
+    def table(path: Path) -> None:
+        write_whole(path, lambda partial: partial.write_text(history.csv(), "utf-8"))
+
+    outputs.write("history", "history.csv", table)
+    outputs.write("picture", "energies.png", lambda path: draw_energies(history, path, title=title))
