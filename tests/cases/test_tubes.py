@@ -105,7 +105,6 @@ def test_json_and_files_of_a_static_tube(tubelock) -> None:
         *ANSWER_FILES,
         "contact_pressures.png",
         "stresses.png",
-        "sections.png",
         "displacement.png",
         "joints.csv",
         "joints.vtu",

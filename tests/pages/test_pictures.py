@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from importlib.metadata import version
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
@@ -15,20 +15,19 @@ from hypothesis import strategies as st
 from geometry import Assembly, RefusedError, box_block
 from tests.support.answers import on_its_mesh
 from validation import load_case, solve
-from validation.output.files import PICTURES
+from validation.errors import InputError
 from validation.output.pictures import assemblies, tubes
 from validation.output.pictures import canvas as drawing
 from validation.output.pictures import gallery as gallery_pictures
 from validation.output.pictures.bodies import EYE, block_edges, eye, labelled
 from validation.output.pictures.canvas import Lines, Surface, View
-from validation.output.pictures.gallery import Mark, Panel, gallery
+from validation.output.pictures.gallery import Panel, gallery
 from validation.output.pictures.scales import (
     Scale,
     pressure_scale,
     scale_from_zero,
     symmetric_scale,
 )
-from validation.output.pictures.sections import section
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -157,20 +156,6 @@ def test_unrolled_facets_keep_their_place_and_area() -> None:
     assert area.sum() == pytest.approx(np.pi * (160.0**2 - 120.0**2), rel=1e-2)
 
 
-def test_sections_have_the_area_of_the_tube_and_the_lines_of_its_joints() -> None:
-    run = on_its_mesh("tsb1-pipe", FINE, method="static")
-    # In the middle of the layer, away from the waves: four quarters of a ring.
-    cut = section(run.details, float(np.mean(tubes.section_heights(run.details))))
-    a, b, c = (cut.points[cut.triangles[:, k]] for k in range(3))
-    (x, y), (u, v) = (b - a).T, (c - a).T
-    area = 0.5 * np.abs(x * v - y * u).sum()
-    polygon = 48 * 4 * 0.5 * np.sin(2 * np.pi / (48 * 4))
-    assert area == pytest.approx(polygon * (160.0**2 - 120.0**2), rel=1e-9)
-    length = np.linalg.norm(np.diff(cut.borders, axis=1), axis=2).sum()
-    side = 2 * np.sin(np.pi / (48 * 4))
-    assert length == pytest.approx(8 * 40.0 + 48 * 4 * side * (160.0 + 120.0), rel=1e-9)
-
-
 # ---------------------------------------------------------------------------------------------
 # Words and files
 
@@ -211,7 +196,7 @@ def test_words_of_a_picture_have_room_and_name_scene_load_and_program(
 ) -> None:
     tube = replace(load_case("tsb1-pipe", COARSE), name="a tube with a name that is long")
     run = on_its_mesh(tube, method="static")
-    for draw in (tubes.draw_stresses, tubes.draw_contact, tubes.draw_sections):
+    for draw in (tubes.draw_stresses, tubes.draw_contact):
         draw(run, tmp_path / "p.png")
     assemblies.draw_pressures(solve(tube.with_method("rigid")), tmp_path / "p.png")
     for figure in figures:
@@ -248,65 +233,36 @@ def test_numbers_stand_on_the_blocks_that_are_seen_and_gravity_has_an_arrow(
     assert "g" not in words_of(figures[1])
 
 
-@pytest.mark.parametrize("ending", PICTURES)
-def test_the_ending_of_a_name_is_its_format(ending: str, tmp_path: Path) -> None:
-    path = tmp_path / f"square{ending}"
-    gallery([[Panel("a square $x^{2$", View([square()], (1.0, -1.0, 1.0)))]], "[/x] $", path)
-    head = path.read_bytes()[:300]
-    assert {".png": b"\x89PNG", ".svg": b"<svg", ".pdf": b"%PDF"}[ending] in head
+@pytest.mark.parametrize("ending", [".png", ".svg", ".pdf"])
+def test_the_ending_of_a_chart_is_its_format(ending: str, tmp_path: Path) -> None:
+    figure, axes = gallery_pictures.subplots(1, 1, size=(3.0, 2.0))
+    axes.set_title("a square $x^{2$")
+    path = tmp_path / f"chart{ending}"
+    gallery_pictures.save_figure(figure, path)
     text = path.read_bytes()
+    assert {".png": b"\x89PNG", ".svg": b"<svg", ".pdf": b"%PDF"}[ending] in text[:300]
     assert f"tubelock {version('tubelock')}+".encode() in text
     if ending == ".svg":  # words stay words
         assert b"a square $x^{2$" in text
 
 
+def test_blocks_are_drawn_as_png_alone(tmp_path: Path) -> None:
+    panel = Panel("a square", View([square()], (1.0, -1.0, 1.0)))
+    with pytest.raises(InputError, match=r"a\.svg: expected a file name that ends in \.png"):
+        gallery([[panel]], "title", tmp_path / "a.svg")
+
+
 @pytest.mark.usefixtures("undrawn")
-def test_pictures_in_a_folder_have_the_format_that_a_scene_asks_for(tubelock) -> None:
-    """Where none is drawn, its keys are named as ignored."""
-    settings = _set((*COARSE, "pictures.format=pdf"))
+def test_keys_of_pictures_are_ignored_where_none_is_drawn(tubelock) -> None:
+    settings = _set((*COARSE, "pictures.labels=names"))
     status, out, _ = tubelock("mbd", "tsb1-pipe", *settings, "-o", "out")
     assert status == 0
-    assert Path("out", "contact_pressures.pdf").exists()
-    assert "pictures.format" not in out.partition("ignored")[2]
+    assert Path("out", "contact_pressures.png").exists()
+    assert "pictures.labels" not in out.partition("ignored")[2]
     assert (
-        "ignored   pictures.format"
+        "ignored   pictures.labels"
         in tubelock("mbd", "tsb1-pipe", *settings, "--json", "a.json")[1]
     )
-
-
-def ring_places(figure: Figure) -> list[Any]:
-    from matplotlib.lines import Line2D
-
-    return [
-        line.get_xydata()[0] * figure.get_size_inches()
-        for line in figure.findobj(Line2D)
-        if line.get_marker() == "o"
-    ]
-
-
-def test_a_ring_marks_what_is_seen_and_words_say_what_is_not(
-    figures: list[Figure], tmp_path: Path
-) -> None:
-    """A point on the upper of two squares has a ring, one on the lower below it has none."""
-    lower, upper = square(2.0), square(1.0, (0.0, 0.0, 0.1))
-    view = View([lower, upper], (0.0, 0.0, 1.0))
-    scale = Scale("p [MPa]", "viridis", 0.0, 1.0, (0.0, 1.0))
-    for x, height, seen in ((0.5, 0.1, True), (0.5, 0.0, False), (1.5, 0.0, True)):
-        mark = Mark(np.array([x, 0.5, height]), "here")
-        panel = Panel("squares", view, scale=scale, mark=mark)
-        gallery([[panel]], "title", tmp_path / "a.png")
-        assert len(ring_places(figures[-1])) == seen
-        assert ("p [MPa]\n○ here" in words_of(figures[-1])) == seen
-        assert ("p [MPa]\nhere; not seen here" in words_of(figures[-1])) != seen
-
-
-def test_one_block_is_drawn_with_all_its_measures(tubelock) -> None:
-    settings = ("block.height=150", "block.shift=0.25", *COARSE)
-    assert tubelock("show", "tsb1-pipe", "--block", *_set(settings), "-o", "block.svg")[0] == 0
-    words = Path("block.svg").read_text("utf-8")  # words stay words
-    for measure in ("h = 150 mm", "a = 20 mm", "f = 1.5 waves", "s = 0.25", "n = 4", "t = 40 mm"):
-        assert measure in words
-    assert "= 120 mm" in words  # r_i
 
 
 def _set(settings: tuple[str, ...]) -> list[str]:

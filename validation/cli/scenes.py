@@ -62,29 +62,20 @@ def show(
     scene: SceneArgument,
     output: Annotated[
         Path | None,
-        output_option(
-            "FILE.png|svg|pdf", "Picture to write; out/SCENE/assembly.png, or block.png."
-        ),
+        output_option("FILE.png", "Picture to write; out/SCENE/assembly.png."),
     ] = None,
     settings: SetOption = None,
-    *,
-    block: Annotated[
-        bool, typer.Option("--block", help="Draw one Sine Block with its dimensions.")
-    ] = False,
 ) -> None:
     """Draw a scene: blocks, fixed end rings, load and supports."""
     from validation.case import load_case
-    from validation.output.files import picture_file
+    from validation.output.files import require_picture
     from validation.output.outputs import Outputs
 
     file = load_case(scene, settings or ())
-    name = "block.png" if block else "assembly.png"
-    picture = picture_file(output, Path("out") / file.name / name, file)
+    picture = output or Path("out") / file.name / "assembly.png"
+    require_picture(picture)
     with Outputs(files={"-o": picture}, scene=file) as outputs:
-        if block:
-            _draw_one_block(file, picture)
-        else:
-            _draw_scene(file, picture)
+        _draw_scene(file, picture)
         outputs.say("picture", picture)
 
 
@@ -101,22 +92,6 @@ def _draw_scene(file: Case, path: Path) -> None:
 
     blocks: Any = problem.rigid_blocks
     draw_assembly(blocks, problem.load_case, path, title=title, weight=weight)
-
-
-def _draw_one_block(file: Case, output: Path) -> None:
-    """Draw one block of a tube of Sine Blocks with the measures of its scene."""
-    from validation.errors import InputError
-    from validation.output.pictures.block import draw_block
-    from validation.scene.families.sine import TubeScene
-
-    if not isinstance(file.scene, TubeScene):
-        raise InputError(
-            f"--block: {file.name} has blocks of type {file.scene.block.type!r}; the drawing with "
-            'measures is that of block.type = "sine", such as tsb1-pipe'
-        )
-    assembly = file.problem.blocks
-    title = f"{file.name}: Sine Block TSB(h, a, f, s, n, r_i, t)"
-    draw_block(assembly, file.scene.stated.block, output, title=title)
 
 
 @method_options("fem", "accuracy", "max_work", "max_seconds", "max_memory")

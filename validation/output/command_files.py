@@ -37,7 +37,6 @@ FILES = (
     "explosion.png",
     "stages.png",
     "stresses.png",
-    "sections.png",
     "displacement.png",
     "motions.csv",
     "motions.png",
@@ -120,7 +119,6 @@ def _deformable_pictures(answer: Answer) -> dict[str, Callable[[Answer, Path], N
         result["contact_pressures.png"] = tubes.draw_contact
     result["stresses.png"] = tubes.draw_stresses
     if is_round(answer.details.deformable.assembly):
-        result["sections.png"] = tubes.draw_sections
         result["displacement.png"] = tubes.draw_displacement
     return result
 

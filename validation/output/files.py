@@ -17,10 +17,8 @@ from geometry.machine.system import write_whole
 from validation.errors import InputError
 
 if TYPE_CHECKING:
-    from validation.case import Case
+    pass
 
-#: Endings of the pictures that can be written.
-PICTURES = (".png", ".svg", ".pdf")
 #: Endings of pages, which have pictures inside.
 PAGES = (".html", ".htm")
 
@@ -75,26 +73,9 @@ def prepare_file(path: Path) -> Path:
 
 
 def require_picture(path: Path) -> None:
-    """Reject a picture of a kind that is not drawn."""
-    if path.suffix.lower() not in PICTURES:
-        raise InputError(
-            f"-o {path}: expected a file name that ends in {', '.join(PICTURES[:-1])} or "
-            f"{PICTURES[-1]}"
-        )
-
-
-def picture_file(given: Path | None, default: Path, scene: Case) -> Path:
-    """Where the picture of a scene goes: by default with the ending that the scene asks for."""
-    requested = scene.scene.pictures
-    if given is None:
-        return default.with_suffix(f".{requested.format}")
-    require_picture(given)
-    if "format" in requested.model_fields_set and given.suffix.lower() != f".{requested.format}":
-        raise InputError(
-            f"-o {given}: its ending is another than pictures.format = {requested.format!r} of the "
-            "scene; leave one of them out"
-        )
-    return given
+    """Reject a name of a picture of blocks that does not say PNG."""
+    if path.suffix.lower() != ".png":
+        raise InputError(f"{path}: expected a file name that ends in .png")
 
 
 def write_csv(path: Path, heads: Iterable[str], rows: Iterable[Iterable[Any]]) -> None:

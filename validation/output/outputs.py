@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, Self
 from validation.errors import InputError
 from validation.output.answer_files import LARGE, answer_files, remove_others
 from validation.output.console import process_words, text_console
-from validation.output.files import PAGES, PICTURES, output_folder, prepare_file, write_json
+from validation.output.files import PAGES, output_folder, prepare_file, write_json
 from validation.output.pictures.style import Look, looking
 from validation.output.progress import following
 from validation.output.provenance import Provenance, stamp_vtu, stamped
@@ -74,7 +74,6 @@ class Outputs:
 
     def __enter__(self) -> Self:
         """Reject outputs that would replace something this call needs, and make folders."""
-        self.names = tuple(self._as_drawn(name) for name in self.names)
         named = list(self._named())
         self._refuse_inputs(named)
         self._refuse_twice(named)
@@ -150,7 +149,7 @@ class Outputs:
         """Whether pictures are among what is written."""
         single = [path.name for path in self.files.values() if path is not None]
         names = single if self.folder is None else [*single, *self.names]
-        return any(Path(name).suffix.lower() in (*PICTURES, *PAGES) for name in names)
+        return any(Path(name).suffix.lower() in (".png", *PAGES) for name in names)
 
     @cached_property
     def _look(self) -> Look:
@@ -159,12 +158,6 @@ class Outputs:
             return Look()
         requested = self.scene.scene.pictures
         return Look(requested.footer, requested.labels)
-
-    def _as_drawn(self, name: str) -> str:
-        """Name of a file in the folder, a picture's with the ending that the scene asks for."""
-        if self.scene is None or not name.endswith(".png"):
-            return name
-        return f"{name.removesuffix('png')}{self.scene.scene.pictures.format}"
 
     def path(self, name: str) -> Path:
         """Path of a file that this call writes into the folder; the name is one of `names`."""
@@ -187,7 +180,7 @@ class Outputs:
         Nor of fields and arrays that are not asked for.
         """
         if self.folder is not None and (self.fields or Path(name).suffix not in LARGE):
-            path = self.path(self._as_drawn(name))
+            path = self.path(name)
             with following(f"{words} {name}"):
                 write(path)
             if path.suffix == ".vtu":

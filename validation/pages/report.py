@@ -37,7 +37,6 @@ _CAPTIONS = {
     "stages": "Stages of the construction: what is new, what is propped.",
     "stresses": "Principal stresses and deformed shape.",
     "principal_stresses": "Directions of the principal stresses.",
-    "sections": "Stresses in horizontal sections.",
     "displacement": "Displacement.",
 }
 

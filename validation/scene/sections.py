@@ -251,10 +251,8 @@ class PlausibilitySection(Section):
 
 
 class PicturesSection(Section):
-    """``[pictures]``: format of the pictures; results do not depend on it."""
+    """``[pictures]``: what pictures show; results do not depend on it."""
 
-    format: Literal["png", "svg", "pdf"] = "png"
-    """Kind of file: ``png``, ``svg`` or ``pdf`` (lines and letters, for print)."""
     footer: bool = True
     """Whether a line at the foot names program, version and day."""
     mises: bool = False

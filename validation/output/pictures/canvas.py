@@ -142,11 +142,7 @@ class View:
 
     def render(self, width: int, height: int) -> Pixels:
         """Picture of exactly so many pixels, (height, width, 3), white where nothing is."""
-        return _render(self, width, height, None)[0]
-
-    def render_with(self, point: FloatArray, width: int, height: int) -> tuple[Pixels, bool]:
-        """The same, and whether nothing hides a point (3,) [mm]."""
-        return _render(self, width, height, point)
+        return _render(self, width, height)
 
 
 # ---------------------------------------------------------------------------------------------
@@ -211,12 +207,7 @@ def _made_window() -> Any:
 LARGEST = 4096
 
 
-#: Pixels round a point within which it is seen if anything is that lies no nearer, and by how much
-#: of the depth of the view nearer that may be.
-_NEAR, _LEVEL = 4, 5e-4
-
-
-def _render(view: View, width: int, height: int, point: FloatArray | None) -> tuple[Pixels, bool]:
+def _render(view: View, width: int, height: int) -> Pixels:
     from vtkmodules.util.numpy_support import vtk_to_numpy
     from vtkmodules.vtkCommonCore import vtkUnsignedCharArray
 
@@ -224,30 +215,9 @@ def _render(view: View, width: int, height: int, point: FloatArray | None) -> tu
     bytes_ = vtkUnsignedCharArray()
     with rendered(view, width, height) as window, quiet():
         window.GetPixelData(0, 0, width - 1, height - 1, 0, bytes_, 0)
-        seen = point is None or _seen(window, view, point, (width, height))
     # VTK counts rows from below.
     pixels = vtk_to_numpy(bytes_).reshape(height, width, 3)[::-1]
-    return np.ascontiguousarray(pixels), seen
-
-
-def _seen(window: Any, view: View, point: FloatArray, size: tuple[int, int]) -> bool:
-    """Whether what a window shows round a point lies no nearer to the eye than it, somewhere."""
-    from vtkmodules.util.numpy_support import vtk_to_numpy
-    from vtkmodules.vtkCommonCore import vtkFloatArray
-
-    low, high = view._bounds
-    across, up, towards = view.axes @ point
-    shares = np.array([across - low[0], up - low[1]]) / view.size
-    at = (shares * size).astype(int)
-    first = np.maximum(at - _NEAR, 0)
-    last = np.minimum(at + _NEAR, np.array(size) - 1)
-    depths = vtkFloatArray()
-    window.GetZbufferData(*first.tolist(), *last.tolist(), depths)
-    near, far = window.GetRenderers().GetFirstRenderer().GetActiveCamera().GetClippingRange()
-    deep = float(np.linalg.norm(high - low))
-    # Distance of the eye, see `_aim`.
-    own = ((low[2] + high[2]) / 2 + 2.0 * deep - towards - near) / (far - near)
-    return bool((vtk_to_numpy(depths) >= own - _LEVEL).any())
+    return np.ascontiguousarray(pixels)
 
 
 @contextmanager

@@ -20,6 +20,7 @@ import numpy as np
 
 from geometry.machine.system import write_whole
 from geometry.mesh import FloatArray
+from validation.output.files import require_picture
 from validation.output.pictures.canvas import LARGEST, View
 from validation.output.pictures.scales import VERMILION, Scale
 from validation.output.pictures.style import look, settings
@@ -48,26 +49,8 @@ _ARROW, _SEEN_ALONG = 0.17, 0.15
 _TITLE_LETTERS = 10.5
 #: Pixels of a view, along each side, over those that are shown: twice as many cost twice as much.
 _FINER = 1.5
-#: Pixels of a file per inch: on a screen, and in what is printed.
-_SCREEN, _PRINT = 130, 300
-
-
-@dataclass(frozen=True)
-class Mark:
-    """A place that a panel speaks of."""
-
-    point: FloatArray
-    """(3,) [mm]"""
-    words: str = ""
-    """What is there, below the bar of the panel."""
-    title: str = ""
-    """The same at the end of its title, where the place is seen."""
-
-    def line(self, seen: bool) -> str:
-        """The words behind the ring, or without one where a body hides the place."""
-        first, *others = self.words.split("\n")
-        first = f"○ {first}" if seen else f"{first}; not seen here"
-        return "\n".join([first, *others])
+#: Pixels of a file per inch.
+_DOTS = 130
 
 
 @dataclass(frozen=True)
@@ -106,8 +89,8 @@ class Panel:
     """Whether a plot has no axes."""
     scale: Scale | None = None
     """Colours of this panel alone: a bar stands below it."""
-    mark: Mark | None = None
-    """A place in the view, and its words below the bar."""
+    note: str = ""
+    """Lines below the bar."""
     labels: Sequence[tuple[str, FloatArray]] = ()
     """Words on the view, and where: from its left and from below, (2,) [mm]."""
     numbers: Numbers | None = None
@@ -123,18 +106,9 @@ class Panel:
 
     @property
     def lines(self) -> list[str]:
-        """All that is written below its bar, at its longest."""
-        return [*(self.scale.lines if self.scale else ()), *self.marked(False)]
-
-    def marked(self, seen: bool) -> list[str]:
-        """Words of its mark, which may be seen."""
-        words = "" if self.mark is None else self.mark.words
-        return self.mark.line(seen).split("\n") if self.mark and words else []
-
-    def titled(self, seen: bool) -> str:
-        """Title, with that of its mark where this is seen."""
-        more = f"; ○ {self.mark.title}" if self.mark and self.mark.title and seen else ""
-        return self.title + more
+        """All that is written below its bar."""
+        note = self.note.split("\n") if self.note else ()
+        return [*(self.scale.lines if self.scale else ()), *note]
 
     @property
     def beside(self) -> tuple[float, float]:
@@ -163,7 +137,7 @@ class Panel:
     @cached_property
     def least_width(self) -> float:
         """Width that its words need, and a view at least [in]."""
-        widths = [_width(line, "medium") for line in self.titled(True).split("\n")]
+        widths = [_width(line, "medium") for line in self.title.split("\n")]
         if self.scale:
             widths += [_LEAST_BAR, *(_width(line, "small") for line in self.lines)]
         return self.beside[0] + max(_LEAST_VIEW if self.view else 0.0, *widths)
@@ -183,7 +157,7 @@ def gallery(
     scale: Scale | Sequence[Scale] | None = None,
     legend: Sequence[Any] = (),
 ) -> None:
-    """Draw panels, those of each column from above, and write them as PNG, SVG or PDF.
+    """Draw panels, those of each column from above, and write them as PNG.
 
     Parameters
     ----------
@@ -199,6 +173,7 @@ def gallery(
     """
     from matplotlib import rc_context
 
+    require_picture(path)
     bars = [] if scale is None else [scale] if isinstance(scale, Scale) else list(scale)
     with rc_context(settings()):
         beside = max((_beside(bar) + _SMALL_LINE * len(bar.lines) for bar in bars), default=0.0)
@@ -210,14 +185,12 @@ def gallery(
         title = re.sub(r"(?<![\w)])-(?=\d)", "−", title)
         words = wrapped(title, width - 2 * _MARGIN)
         top = layout.height + _FOOT + (_LEGEND if legend else 0.0)
-        page = _Page((width, top + 0.2 + _TITLE_LINE * len(words.split("\n"))), _dots(path))
+        page = _Page((width, top + 0.2 + _TITLE_LINE * len(words.split("\n"))))
         page.write((_MARGIN, page.size[1] - 0.12), words, fontsize="large", va="top")
         boxes = layout.boxes(0.5 * (width - side - sum(layout.widths)), top)
         for column, places in zip(columns, boxes, strict=True):
-            drawn = list(zip(column, places, strict=True))
-            marks = [page.draw(panel, box) for panel, box in drawn]
-            for panel, box in drawn:
-                page.draw_bar(panel, box, any(marks))
+            for panel, box in zip(column, places, strict=True):
+                page.draw(panel, box)
         for shared, spans in _sides(bars, boxes).items():
             low, high = min(box[1] for box in spans), max(box[1] + box[3] for box in spans)
             long = min((0.6 if len(bars) == 1 else 0.9) * (high - low), _LONGEST_BAR)
@@ -313,12 +286,12 @@ def _sides(bars: Sequence[Scale], boxes: Sequence[Sequence[_Box]]) -> dict[Scale
 class _Page:
     """A figure, and what is drawn at places in it [in], from its lower left corner."""
 
-    def __init__(self, size: tuple[float, float], dots: float) -> None:
+    def __init__(self, size: tuple[float, float]) -> None:
         from matplotlib.backends.backend_agg import FigureCanvasAgg
         from matplotlib.figure import Figure
 
         self.size = np.array(size)
-        self.figure = Figure(figsize=size, dpi=dots)
+        self.figure = Figure(figsize=size, dpi=_DOTS)
         FigureCanvasAgg(self.figure)
 
     def line(self, points: Any, **options: Any) -> None:
@@ -341,48 +314,37 @@ class _Page:
     # -----------------------------------------------------------------------------------------
     # Panels
 
-    def draw(self, panel: Panel, box: _Box) -> bool:
-        """Draw a panel and its title above; whether it has a mark that is seen."""
-        x, y, _, high = box
-        seen = panel.view is not None and self._draw_view(panel, panel.view, box)
-        self.write((x, y + high + 0.08), panel.titled(seen), fontsize="medium", va="bottom")
+    def draw(self, panel: Panel, box: _Box) -> None:
+        """Draw a panel, its title above and its bar below."""
+        x, y, wide, high = box
+        self.write((x, y + high + 0.08), panel.title, fontsize="medium", va="bottom")
+        if panel.scale is not None:
+            start = (x, y - panel.below_drawing - _BAR)
+            self.bar(panel.scale, panel.lines, start, max(wide, _LEAST_BAR))
         if panel.view is not None:
-            return seen
+            self._draw_view(panel, panel.view, box)
+            return
         assert panel.plot is not None
         axes = self.figure.add_axes(tuple((np.array(box).reshape(2, 2) / self.size).ravel()))
         panel.plot(axes)
         # Limits that a plot has set may widen, without a warning.
         axes.set_adjustable("datalim")
         axes.set_autoscale_on(True)
-        return False
 
-    def draw_bar(self, panel: Panel, box: _Box, seen: bool) -> None:
-        """Draw the bar of a panel that has one; ``seen`` says whether its column shows its mark."""
-        if panel.scale is not None:
-            lines = [*panel.scale.lines, *panel.marked(seen)]
-            start = (box[0], box[1] - panel.below_drawing - _BAR)
-            self.bar(panel.scale, lines, start, max(box[2], _LEAST_BAR))
-
-    def _draw_view(self, panel: Panel, view: View, box: _Box) -> bool:
-        """Show a rendered view with its axes or numbers, and its mark; whether that is seen."""
+    def _draw_view(self, panel: Panel, view: View, box: _Box) -> None:
+        """Show a rendered view with its axes or numbers."""
         x, y, wide, high = box
         per_inch = view.size[1] / high
-        point = None if panel.mark is None else panel.mark.point
-        pixels, seen = _pixels(view, wide * self.figure.dpi, high * self.figure.dpi, point)
-        self.paint(pixels, x, y)
+        self.paint(_pixels(view, wide * self.figure.dpi, high * self.figure.dpi), x, y)
         if panel.numbers is None:
             self._draw_axes(x + _AT_AXES[0], y + _AT_AXES[1], view)
             self._draw_scale_bar(x + _AT_BAR[0], y + _AT_BAR[1], view.size[0], per_inch)
         else:
             self._draw_numbers(panel.numbers, view, box)
-        if point is not None and seen:
-            at = np.array([x, y]) + np.array(view.place(point)) / per_inch
-            self.line([at], marker="o", mfc="none", mec="black", ms=9, mew=1.4)
         for words, place in panel.labels:
             back = {"boxstyle": "round,pad=0.15", "fc": "white", "ec": "none", "alpha": 0.75}
             at = np.array([x, y]) + place / per_inch
             self.write(at, words, fontsize="x-small", ha="center", va="center", bbox=back)
-        return point is not None and seen
 
     def _draw_scale_bar(self, x: float, y: float, width: float, per_inch: float) -> None:
         """Draw a bar of a round length."""
@@ -504,21 +466,17 @@ def wrapped(title: str, width: float) -> str:
     return "\n".join(textwrap.fill(part, count) for part in title.split("\n"))
 
 
-def _pixels(view: View, width: float, height: float, point: FloatArray | None) -> Any:
+def _pixels(view: View, width: float, height: float) -> Any:
     """Exactly so many pixels of a view, from more of them, so that lines are smooth.
 
-    Where one window has not as many, from as many as it has. Beside them, whether a point is seen.
+    Where one window has not as many, from as many as it has.
     """
     from PIL import Image
 
     size = max(round(width), 1), max(round(height), 1)
     more = min(_FINER, LARGEST / max(size))
-    large, seen = [round(more * side) for side in size], True
-    if point is None:
-        pixels = view.render(*large)
-    else:
-        pixels, seen = view.render_with(point, *large)
-    return np.asarray(Image.fromarray(pixels).resize(size, Image.Resampling.BOX)), seen
+    pixels = view.render(*(round(more * side) for side in size))
+    return np.asarray(Image.fromarray(pixels).resize(size, Image.Resampling.BOX))
 
 
 def _image(pixels: Any, x: float, y: float) -> Any:
@@ -557,7 +515,7 @@ def twos_and_fives(words: Callable[[float], str]) -> FuncFormatter:
 
 
 def save_figure(figure: Figure, path: Path, *, about: str = "") -> None:
-    """Write a figure as PNG, SVG or PDF, whole or not at all; its foot names program and day."""
+    """Write a chart as PNG, SVG or PDF, whole or not at all; its foot names program and day."""
     from matplotlib import rc_context
 
     kind = path.suffix.lower().removeprefix(".")
@@ -568,7 +526,7 @@ def save_figure(figure: Figure, path: Path, *, about: str = "") -> None:
         place = (1 - 0.12 / width, 0.07 / height)
         figure.text(*place, foot, size="xx-small", color="#707070", ha="right", va="bottom")
     _read_no_formulas(figure)
-    options: dict[str, Any] = {"dpi": _dots(path)}
+    options: dict[str, Any] = {"dpi": _DOTS}
     if kind == "png":
         options["pil_kwargs"] = {"compress_level": 3}
 
@@ -577,11 +535,6 @@ def save_figure(figure: Figure, path: Path, *, about: str = "") -> None:
 
     with rc_context(settings()):
         write_whole(path, write)
-
-
-def _dots(path: Path) -> float:
-    """Pixels per inch of a figure."""
-    return _SCREEN if path.suffix.lower() == ".png" else _PRINT
 
 
 def subplots(

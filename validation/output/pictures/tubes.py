@@ -20,24 +20,21 @@ from validation.output.pictures.bodies import (
     PressedFacets,
     above_and_below,
     eye,
-    middle_layer,
     outlines,
     quarter,
     steep,
     surfaces,
 )
-from validation.output.pictures.canvas import Direction, Lines, Part, Surface, View
-from validation.output.pictures.gallery import Mark, Panel, gallery
+from validation.output.pictures.canvas import Direction, Part, View
+from validation.output.pictures.gallery import Panel, gallery
 from validation.output.pictures.scales import (
     MOTION_MAP,
-    PALE,
     STRESS_MAP,
     Scale,
     drawing_scale,
     scale_from_zero,
     symmetric_scale,
 )
-from validation.output.pictures.sections import Section, section
 from validation.scene.family import RoundScene
 
 if TYPE_CHECKING:
@@ -148,8 +145,11 @@ def _scale(stress: Stress, values: Sequence[FloatArray]) -> Scale:
     return replace(scale, diverging=stress.colours == STRESS_MAP)
 
 
-def extreme(answer: Answer, stress: Stress) -> Mark:
-    """The node at which a stress is extreme in the block that the tables name for it."""
+def extreme(answer: Answer, stress: Stress) -> tuple[FloatArray, str]:
+    """The node at which a stress is extreme in the block that the tables name: place, (3,) [mm].
+
+    Beside it the words that stand below the colours.
+    """
     table = answer[stress.measure]
     assert table.place is not None
     (block,) = table.place["blocks"]
@@ -160,7 +160,7 @@ def extreme(answer: Answer, stress: Stress) -> Mark:
         f"node: {stress.sign * values[node]:.3g}, block {block}{', in a joint' if meets else ''}\n"
         f"integration point: {table.value:.3g}"
     )
-    return Mark(answer.details.deformable.positions(block)[node], words.replace("-", "−"))
+    return answer.details.deformable.positions(block)[node], words.replace("-", "−")
 
 
 def _is_tube(answer: Answer) -> bool:
@@ -174,14 +174,14 @@ def draw_stresses(answer: Answer, path: Path) -> None:
     Of a tube the outer surface, and the joints of the middle layer; of other blocks all surfaces.
     """
     solution, tube = answer.details, _is_tube(answer)
-    direction = eye(solution.deformable.drawn, extreme(answer, STRESSES[0]).point)
+    direction = eye(solution.deformable.drawn, extreme(answer, STRESSES[0])[0])
     faces = ("outer",) if tube else all_faces(solution)
     columns = []
     for stress in stresses_of(answer):
         scale, values = stress_scale(solution, stress), partial(_stress, solution, stress)
         words = f"{stress.symbol}{', outer surface' if tube else ''}"
-        view, mark = blocks_view(solution, values, scale, faces, direction), extreme(answer, stress)
-        columns.append([Panel(words, view, scale=scale, mark=mark)])
+        view = blocks_view(solution, values, scale, faces, direction)
+        columns.append([Panel(words, view, scale=scale, note=extreme(answer, stress)[1])])
     moved = _SHELL if tube else all_faces(solution)
     columns.append([moved_panel(solution, moved, direction)])
     joints = _joint_panels(answer, direction) if solution.deformable.meets else []
@@ -205,11 +205,9 @@ def _joint_panels(answer: Answer, direction: Direction) -> list[Panel]:
     """
     assembly, stress = answer.details.deformable.drawn, STRESSES[0]
     scale = stress_scale(answer.details, stress)
-    mark = Mark(extreme(answer, stress).point, title=stress.extreme)
-    place: Any = answer[stress.measure].place
     blocks, where = answer.details.deformable.deformable_blocks, "in the joints"
     if _is_tube(answer):
-        layer = place["layer"]
+        layer = answer[stress.measure].place["layer"]  # type: ignore[index]
         blocks, where = blocks[assembly.layer[blocks] == layer], f"in the joints of layer {layer}"
         direction = steep(direction, 1.0)
     names = tuple(dict.fromkeys(f for s in assembly.shapes for f in s.contact_faces))
@@ -229,11 +227,6 @@ def _joint_panels(answer: Answer, direction: Direction) -> list[Panel]:
         outlines(assembly, shown, nodes=nodes, opacity=0.5),
     ]
     top, bottom = above_and_below(parts, direction, title=f"{stress.symbol} {where}", scale=scale)
-    # One of them looks at the face that the node is on.
-    if mark.point[2] > assembly.centroids[place["blocks"][0], 2]:
-        top = replace(top, mark=mark)
-    else:
-        bottom = replace(bottom, mark=mark)
     return [replace(top, scale=None), bottom] if _is_tube(answer) else [top, bottom]
 
 
@@ -259,87 +252,6 @@ def draw_displacement(answer: Answer, path: Path) -> None:
         [Panel(f"radial displacement,\nscale factor {factor:g}", view, scale=scale)],
     ]
     gallery(columns, f"{answer.title}: displacement", path, height=8.5)
-
-
-# ---------------------------------------------------------------------------------------------
-# Sections
-
-
-def section_heights(solution: State) -> tuple[float, ...]:
-    """Heights of the paper's sections through the middle layer: 10 and 20 mm from its ends."""
-    assembly = solution.deformable.drawn
-    layer = middle_layer(assembly)
-    # Where a layer begins depends on the tube: layers of hexagons reach into each other.
-    centres = (assembly.centroids @ assembly.axis)[assembly.layer == layer]
-    middle = round(float(centres.mean()), 6)
-    low, high = middle - 0.5 * _pitch(assembly), middle + 0.5 * _pitch(assembly)
-    return (low + 10.0, low + 20.0, high - 20.0, high - 10.0)
-
-
-def _pitch(assembly: Any) -> float:
-    """Distance of the layers along the axis [mm]."""
-    centres = assembly.centroids @ assembly.axis
-    free = np.unique(assembly.layer[~assembly.fixed])
-    if len(free) > 1:
-        means = [centres[assembly.layer == k].mean() for k in free]
-        return float(np.mean(np.diff(means)))
-    block = int(assembly.free_blocks[0])
-    along = assembly.nodes(block) @ assembly.axis
-    inner = np.unique(assembly.shape(block).faces["inner"])
-    return float(np.ptp(along[inner]))
-
-
-def draw_sections(answer: Answer, path: Path, heights: Sequence[float] | None = None) -> None:
-    """Draw stresses in sections at some heights [mm].
-
-    By default where they are extreme, and near the ends of the middle layer.
-    """
-    stresses = stresses_of(answer)
-    places = {one: np.array(answer[one.measure].place["position"]) for one in stresses}  # type: ignore[index]
-    if heights is None:
-        near = section_heights(answer.details)[1:3]
-        heights = [*near, *(place[2] for place in places.values())]
-    cuts = {z: section(answer.details, z) for z in sorted({round(z, 1) for z in heights})}
-    scales = [_scale(one, [one.of(cut.values) for cut in cuts.values()]) for one in stresses]
-    columns = [
-        [
-            _section_panel(stress, z, cut, scale, places[stress])
-            for stress, scale in zip(stresses, scales, strict=True)
-        ]
-        for z, cut in cuts.items()
-    ]
-    title = f"{answer.title}: sections"
-    if any(len(cut.rigid) for cut in cuts.values()):
-        title += "; grey: fixed blocks"
-    gallery(columns, title, path, height=7.5, widest=18.0, scale=scales)
-
-
-def _section_panel(
-    stress: Stress, z: float, cut: Section, scale: Scale, place: FloatArray
-) -> Panel:
-    """A section in the colours of a stress, with a ring where that is extreme."""
-    view, words = (
-        _section_view(cut, stress.of(cut.values), scale),
-        f"{stress.symbol}, z = {z:.4g} mm",
-    )
-    if round(place[2], 1) != z:
-        return Panel(words, view)
-    mark = Mark(np.array([place[0], place[1], 0.0]), title=stress.extreme)
-    return Panel(words, view, mark=mark)
-
-
-def _section_view(cut: Section, values: FloatArray, scale: Scale) -> View:
-    """A section from above in the colours of a stress; blocks without stresses are pale."""
-    places = np.insert(cut.points, 2, 0.0, axis=1)
-    borders = np.insert(cut.borders.reshape(-1, 2), 2, 0.0, axis=1)
-    return View(
-        [
-            Surface(places, cut.triangles, scale.of(values), lit=False),
-            Surface(places, cut.rigid, PALE, lit=False),
-            Lines(borders, np.arange(len(borders)).reshape(-1, 2)),
-        ],
-        (0.0, 0.0, 1.0),
-    )
 
 
 # ---------------------------------------------------------------------------------------------

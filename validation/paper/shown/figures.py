@@ -363,13 +363,6 @@ def _cost_figure(evidence: Evidence) -> Iterator[_Drawn]:
     yield "cost", caption, partial(draw_cost, evidence)
 
 
-def _draw_paper_sections(run: Answer, path: Path) -> None:
-    """Draw the paper's four sections through the middle layer."""
-    from validation.output.pictures.tubes import draw_sections, section_heights
-
-    draw_sections(run, path, section_heights(run.details))
-
-
 def _deformable_figures(evidence: Evidence) -> Iterator[_Drawn]:
     from validation.paper.shown.figures_fem import (
         draw_displacements,
@@ -385,12 +378,5 @@ def _deformable_figures(evidence: Evidence) -> Iterator[_Drawn]:
     for component, name, words in ((0, "sigma-1", "Maximum"), (2, "sigma-3", "Minimum")):
         caption = f"{words} principal stress on the unrolled outer surface, five load cases."
         yield name, caption, partial(draw_principal, evidence, component)
-    for block in ("TSB1", "TSB2"):
-        caption = (
-            f"Principal stresses of {block} under internal pressure in sections near the ends of "
-            "layer 7."
-        )
-        run = evidence.fem(block, "pipe")
-        yield f"sections-{block.lower()}", caption, partial(_draw_paper_sections, run)
     caption = "Displacements of the five load cases, exaggerated."
     yield "displacements", caption, partial(draw_displacements, evidence)

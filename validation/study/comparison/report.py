@@ -44,7 +44,7 @@ class Comparison(ComparedAnswers):
     """Answers to one problem; the repr is its tables and its conclusion."""
 
     def draw(self, path: str | Path) -> None:
-        """Draw the joints in the reference and how each other answer differs (PNG, SVG, PDF)."""
+        """Draw the joints in the reference and how each other answer differs, as PNG."""
         _draw(self, Path(path))
 
     def __repr__(self) -> str:
