@@ -15,7 +15,6 @@ from hypothesis import strategies as st
 from geometry import Assembly, RefusedError, box_block
 from tests.support.answers import on_its_mesh
 from validation import load_case, solve
-from validation.errors import InputError
 from validation.output.pictures import assemblies, tubes
 from validation.output.pictures import canvas as drawing
 from validation.output.pictures import gallery as gallery_pictures
@@ -248,7 +247,7 @@ def test_the_ending_of_a_chart_is_its_format(ending: str, tmp_path: Path) -> Non
 
 def test_blocks_are_drawn_as_png_alone(tmp_path: Path) -> None:
     panel = Panel("a square", View([square()], (1.0, -1.0, 1.0)))
-    with pytest.raises(InputError, match=r"a\.svg: expected a file name that ends in \.png"):
+    with pytest.raises(RefusedError, match=r"a\.svg: expected a file name that ends in \.png"):
         gallery([[panel]], "title", tmp_path / "a.svg")
 
 

@@ -111,7 +111,7 @@ def _rigid_pictures(answer: Answer) -> dict[str, Callable[[Answer, Path], None]]
 
 
 def _deformable_pictures(answer: Answer) -> dict[str, Callable[[Answer, Path], None]]:
-    """Sections and the view along an axis are those of tubes."""
+    """The picture of the displacement is one of tubes."""
     from validation.output.pictures import tubes
 
     result: dict[str, Callable[[Answer, Path], None]] = {}
