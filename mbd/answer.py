@@ -136,7 +136,8 @@ def stages(
     order
         `Stages`, or its order alone.
     method
-        Norm of the forces, law of friction, and the limit of work for all stages together.
+        Norm of the forces, law of friction, and limits: of work for each stage, of CPU time for
+        all.
     progress
         Called with a line on what is being found.
 
@@ -146,11 +147,11 @@ def stages(
         A problem without weight, an order that misses or repeats a block or names none, a block in
         the air where nothing may prop it.
     """
-    from mbd.building.stages import judged
+    from mbd.building.stages import Construction
 
     stated = order if isinstance(order, Stages) else Stages(order=cast("Any", order))
     tell = progress or (lambda _: None)
-    return judged(problem, stated, method or Rigid(), tell, analyse)
+    return Construction(problem, stated, method or Rigid(), tell, analyse).judged()
 
 
 def _construction(

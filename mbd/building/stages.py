@@ -3,8 +3,9 @@
 At a stage some blocks are placed; their weight alone acts. Forces of the joints balance it, with
 friction or without, or props must help: upward forces at corners of a block's free underside, or
 forces along the normals of these faces (a centering). The least propping is the least sum of the
-vertical parts of these forces, a cone program beside that of the joints. It is unique; its shares
-are not: those printed are in the middle of what is possible.
+vertical parts of these forces, a cone program beside that of the joints. That sum is unique, its
+shares are not: of all that have it, those are taken whose squares, of the forces of props on each
+block and of the joints, have the least sum. They do not depend on how blocks are numbered.
 
 References: Kao, Iannuzzo, Thomaszewski, Coros, Van Mele, Block, "Coupled rigid-block analysis",
 Computer-Aided Design 146 (2022); Wilson and Latombe, "Geometric reasoning about mechanical
@@ -14,7 +15,7 @@ assembly", Artificial Intelligence 71 (1994).
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from functools import cached_property
@@ -33,12 +34,12 @@ from geometry.parts.balance import of_fixed_blocks, together
 from geometry.parts.block_selection import numbers_of
 from geometry.parts.measures import joint_resultants
 from geometry.parts.placed import AnyBlocks
-from geometry.parts.rows import Row, first_of, grouped, number
+from geometry.parts.rows import Row, finite, first_of, grouped, number
 from mbd.analysis import RigidStatement, Stated, rubbing
 from mbd.building.take_out import Removal, WayOut, take_out
 from mbd.contact_jacobian import Contacts, contact_jacobian, contact_wrenches
 from mbd.equilibrium import column_weights, equilibrium
-from mbd.friction import FrictionalContacts, admissible_cones
+from mbd.friction import admissible_cones
 from mbd.loading import MOST_SECONDS
 from mbd.mechanism import Classification, MechanismClass
 from mbd.options import Along, Rigid, Stages
@@ -54,6 +55,8 @@ if TYPE_CHECKING:
 NO_PROP = 1e-6
 #: Reference seconds of all stages but the last for whether joints are pressed beforehand.
 _SQUEEZES = 15.0
+#: By which the sum of props may miss the least one, over the weight: shares are sought within.
+_LOOSE = 1e-8
 #: Stages that are printed at most.
 _SHOWN = 24
 #: Forces below this part of the weight are printed as none.
@@ -177,6 +180,8 @@ class Stage:
     """Largest normal force between two blocks; nan where nothing holds [N]."""
     residual: float
     """Of the balance with props, over the weight [-]."""
+    sought: float
+    """Reference seconds spent on whether joints are pressed beforehand."""
     solve: Callable[[], Answer] = field(repr=False)
     """Solves the stage as a problem of its own."""
     named: Callable[[int], str] = field(repr=False)
@@ -232,11 +237,14 @@ class Stage:
             "blocks": list(self.new),
             "stands": str(self.stands),
             "propping": self.propping,
-            "props": {str(k): self.props[k].tolist() for k in self.propped},
+            "props": {
+                str(k): self.props[k].tolist() for k in np.flatnonzero(self.props.any(axis=1))
+            },
             "weight": self.weight.tolist(),
-            "thrust": None if np.isnan(self.thrust) else self.thrust,
-            "largest_joint_force": None if np.isnan(self.largest_force) else self.largest_force,
-            "residual": self.residual,
+            "thrust": finite(self.thrust),
+            "largest_joint_force": finite(self.largest_force),
+            "residual": finite(self.residual),
+            "sought": self.sought,
             "does_not_reach": [way.as_json() for way in self.blocked],
         }
 
@@ -260,6 +268,22 @@ class StageResults(Sequence[Stage]):
     def __getitem__(self, k: Any) -> Any:
         """One stage, or some."""
         return self.stages[k]
+
+    @property
+    def table(self) -> dict[str, list[Any]]:
+        """Columns by name and unit, a row each stage: ``pandas.DataFrame(stages.table)``."""
+        sizes = [np.linalg.norm(stage.props, axis=1) for stage in self.stages]
+        return {
+            "stage": [stage.number for stage in self.stages],
+            "places": [", ".join(map(self.named, stage.new)) for stage in self.stages],
+            "verdict": [str(stage.stands) for stage in self.stages],
+            "weight_N": [float(np.linalg.norm(stage.weight)) for stage in self.stages],
+            "propping_N": [stage.propping for stage in self.stages],
+            "largest_prop_N": [float(size.max()) for size in sizes],
+            "propped": [", ".join(map(self.named, stage.propped)) for stage in self.stages],
+            "thrust_N": [stage.thrust for stage in self.stages],
+            "largest_joint_force_N": [stage.largest_force for stage in self.stages],
+        }
 
     @cached_property
     def until(self) -> dict[int, int]:
@@ -324,7 +348,8 @@ class StageResults(Sequence[Stage]):
         rows = []
         for stage in self._shown:
             new = first_of(map(self.named, stage.new), 4)
-            rows.append(Row(f"stage {stage.number}", f"places {new}: {stage.words}"))
+            words = f"places {new}: {stage.words}"
+            rows.append(Row(f"stage {stage.number}", words, stage.propping, "N"))
         if len(self._shown) < len(self.stages):
             left = len(self.stages) - len(self._shown)
             rows.append(Row("stages", f"{left} more, in the report"))
@@ -333,7 +358,7 @@ class StageResults(Sequence[Stage]):
             rows.append(Row("props stay", f"block {first_of(each, 8)}"))
         exact = (
             f"under weight alone, on faces alone; props below {NO_PROP:g} of the weight are "
-            "none; their sum is the least, their shares are not unique"
+            "none; their sum is the least, and of all shares that have it those of least squares"
         )
         return grouped(
             verdict=[Row("construction", self.words)],
@@ -346,39 +371,36 @@ class StageResults(Sequence[Stage]):
         return {
             "words": self.words,
             "along": str(self.along),
+            "units": {"force": "N", "sought": "s"},
             "stages": [stage.as_json() for stage in self.stages],
             "props_until": {str(k): n for k, n in self.until.items()},
         }
 
 
-def judged(
-    problem: RigidStatement,
-    stated: Stages,
-    method: Rigid,
-    tell: Callable[[str], None],
-    solve: Callable[[RigidStatement, Rigid], Answer],
-) -> StageResults:
-    """Judge every stage; ``solve`` answers one as a problem of its own.
-
-    ``tell`` is called with what is being found; errors are those of `mbd.stages`.
-    """
-    build = _Building(problem, stated, method, tell, solve)
-    # What presses joints beforehand is sought within the limit of work of all stages together.
-    with budget(method.max_work, clock(method.max_seconds)):
-        return StageResults(tuple(build.stages()), stated.along, build.blocks.named)
-
-
 @dataclass
-class _Building:
-    """One construction."""
+class Construction:
+    """One construction, judged stage by stage."""
 
     problem: RigidStatement
     stated: Stages
     method: Rigid
     tell: Callable[[str], None]
+    """Called with what is being found."""
     solve: Callable[[RigidStatement, Rigid], Answer]
-    left: float = _SQUEEZES
-    """Reference seconds for what presses joints beforehand."""
+    """Answers one stage as a problem of its own."""
+
+    def judged(self) -> StageResults:
+        """Judge all stages; errors are those of `mbd.stages`."""
+        stages = list[Stage]()
+        with budget(ends=clock(self.method.max_seconds)):
+            for n in range(1, len(self.order) + 1):
+                self.tell(f"stage {n} of {len(self.order)}")
+                stages.append(self.stage(n, sum(stage.sought for stage in stages)))
+        return self.results(stages)
+
+    def results(self, stages: Iterable[Stage]) -> StageResults:
+        """All stages together."""
+        return StageResults(tuple(stages), self.stated.along, self.blocks.named)
 
     @cached_property
     def blocks(self) -> AnyBlocks:
@@ -390,6 +412,7 @@ class _Building:
 
     @cached_property
     def fixed(self) -> BoolArray:
+        """Which blocks are held, (n_blocks,)."""
         return self.problem.rigid_load.fixed
 
     @cached_property
@@ -411,21 +434,72 @@ class _Building:
 
     @cached_property
     def search(self) -> Removal:
+        """Ways to the places of the blocks."""
         return Removal(self.blocks)
 
-    def stages(self) -> Iterable[Stage]:
-        """Judge one after the other."""
-        _ = self.weight
-        stated = _Order(self.stated, self.problem.rigid_blocks, self.fixed)
-        order, may = stated.placed(self.tell), stated.may_be_propped()
-        late = {k for stage in order for k in stage}
-        there = self.fixed & ~np.isin(np.arange(len(self.fixed)), list(late))
-        for n, new in enumerate(order, 1):
-            self.tell(f"stage {n} of {len(order)}")
-            blocked = tuple(self._unreached(new, there))
-            there = there.copy()
-            there[list(new)] = True
-            yield replace(self._stage(n, new, there, may), blocked=blocked)
+    @cached_property
+    def order(self) -> list[tuple[int, ...]]:
+        """Blocks that each stage places, none of them in the air."""
+        _ = self.weight, self._may
+        order, there = self._order.placed(self.tell), np.ones(len(self.fixed), np.bool_)
+        there[[k for stage in order for k in stage]] = False
+        for stage in order:
+            there[list(stage)] = True
+            self._check_air(there)
+        return order
+
+    @cached_property
+    def _may(self) -> BoolArray:
+        """Which blocks may be propped, (n_blocks,)."""
+        return self._order.may_be_propped()
+
+    @cached_property
+    def _order(self) -> _Order:
+        return _Order(self.stated, self.problem.rigid_blocks, self.fixed)
+
+    def _there(self, n: int) -> BoolArray:
+        """What is placed after so many stages, (n_blocks,)."""
+        there = np.ones(len(self.fixed), np.bool_)
+        there[[k for stage in self.order[n:] for k in stage]] = False
+        return there
+
+    def stage(self, n: int, sought: float) -> Stage:
+        """Judge a stage, counted from 1.
+
+        ``sought`` is what those before spent on whether joints are pressed beforehand [s].
+        """
+        with budget(self.method.max_work):
+            found = self._found(self._there(n), min(_SQUEEZES, self.method.max_work) - sought)
+        blocked = tuple(self._unreached(self.order[n - 1], self._there(n - 1)))
+        return self._made(n, **found, blocked=blocked)
+
+    def restored(self, row: Mapping[str, Any]) -> Stage:
+        """Make a stage of its plain data."""
+        props = np.zeros((len(self.fixed), 3))
+        for block, force in row["props"].items():
+            props[int(block)] = force
+        ways = [(way, way["direction"]) for way in row["does_not_reach"]]
+        names = ("thrust", "largest_joint_force", "residual")
+        thrust, largest, residual = (np.nan if row[k] is None else row[k] for k in names)
+        return self._made(
+            row["stage"],
+            stands=Stands(row["stands"]),
+            props=props,
+            thrust=thrust,
+            largest_force=largest,
+            residual=residual,
+            sought=row["sought"],
+            blocked=tuple(
+                WayOut(
+                    blocks=tuple(way["blocks"]),
+                    direction=None if along is None else np.array(along),
+                    distance=way["distance"],
+                    clear_after=np.nan,
+                    met=tuple(way["met"]),
+                )
+                for way, along in ways
+            ),
+        )
 
     def _unreached(self, new: Sequence[int], there: BoolArray) -> Iterable[WayOut]:
         """Blocks that cannot leave again, together or one after the other."""
@@ -443,49 +517,63 @@ class _Building:
         for block in waiting:
             yield self.search.way_out([block], present)
 
-    def _stage(self, n: int, new: tuple[int, ...], there: BoolArray, may: BoolArray) -> Stage:
-        """Judge what is placed; ways to the places are not looked at."""
+    def _found(self, there: BoolArray, left: float) -> dict[str, Any]:
+        """Judge what is placed; ways to the places are not looked at.
+
+        ``left``: reference seconds for whether joints are pressed beforehand.
+        """
         blocks = self.blocks.only(there)
         load = self._weight_of(blocks, there)
-        self._check_air(blocks, load, there, may)
         question = self._question(blocks, load)
         balance, props = question.balance, np.zeros((blocks.n_blocks, 6))
-        stands, forces = Stands.STANDS, None
+        stands, forces, sought = Stands.STANDS, None, 0.0
         if balance is None and question.smooth.holds:
             normal = question.smooth.forces
             forces = np.column_stack([normal, np.zeros((len(normal), 2))])
         elif balance is not None and balance.holds:
-            forces = balance.forces
-            stands = self._pressed(question, forces, last=bool(there.all()))
+            forces, before = balance.forces, allowance().work
+            # The last stage, which is the verdict of the whole, has its own limit.
+            left = MOST_SECONDS if there.all() else left
+            stands = self._pressed(question, forces, left)
+            sought = before - allowance().work
         else:
-            forces, props, stands = self._propped(question, there & may)
-        weight = load.wrenches[~load.fixed, :3].sum(axis=0)
+            forces, props, stands = self._propped(question, there & self._may)
         thrust = largest = residual = np.nan
         if forces is not None:
-            size = float(np.linalg.norm(weight))
+            size = float(np.linalg.norm(load.wrenches[~load.fixed, :3].sum(axis=0)))
             thrust, largest, residual = (
                 x if x > _NOTHING * size else 0.0 for x in _held(question, forces, props)
             )
             residual /= size or 1.0
+        return {
+            "stands": stands,
+            "props": props[:, :3],
+            "thrust": thrust,
+            "largest_force": largest,
+            "residual": residual,
+            "sought": sought,
+        }
+
+    def _made(self, n: int, **found: Any) -> Stage:
+        """Stage of what was found of it."""
+        there = self._there(n)
 
         def solve() -> Answer:
             whole = self.problem.rigid_blocks.only(there)
-            alone = replace(load, assembly=whole, body_wrenches=None)
-            alone_by = replace(self.method, stages=None, take_out=False)
-            return self.solve(Stated(whole, alone, load.wrenches, self.problem.coulomb), alone_by)
+            load = replace(self._weight_of(whole, there), body_wrenches=None)
+            by = replace(self.method, stages=None, take_out=False)
+            weight = self.weight * there[:, None]
+            return self.solve(Stated(whole, load, weight, self.problem.coulomb), by)
 
+        weight = self.weight[there & ~self.fixed, :3].sum(axis=0)
         return Stage(
             number=n,
-            new=new,
+            new=self.order[n - 1],
             there=there,
-            stands=stands,
-            props=props[:, :3],
             weight=weight,
-            thrust=thrust,
-            largest_force=largest,
-            residual=residual,
             solve=solve,
             named=self.blocks.named,
+            **found,
         )
 
     def _weight_of(self, blocks: AnyBlocks, there: BoolArray) -> LoadCase:
@@ -503,26 +591,21 @@ class _Building:
             body_wrenches=self.weight * there[:, None],
         )
 
-    def _pressed(self, question: Question, forces: FloatArray, *, last: bool) -> Stands:
-        """Whether the weight itself presses the joints that need friction.
-
-        Within what is left for all stages; the last one, which is the verdict of the whole, has its
-        own limit.
-        """
+    @staticmethod
+    def _pressed(question: Question, forces: FloatArray, left: float) -> Stands:
+        """Whether the weight itself presses the joints that need friction, within what is left."""
         if question.smooth.holds:
             return Stands.STANDS
-        if self.left <= 0.0 and not last:
+        if left <= 0.0:
             return Stands.PRESSED
-        before = allowance().work
         found = squeeze(
             question.contacts,
             question.frictional,
             question.all_loads,
             forces,
             weights=question.weights,
-            limit=MOST_SECONDS if last else self.left,
+            limit=left,
         )
-        self.left -= before - allowance().work
         return Stands.STANDS if found.needed is False else Stands.PRESSED
 
     def _question(self, blocks: AnyBlocks, load: LoadCase) -> Question:
@@ -546,15 +629,16 @@ class _Building:
             tell=lambda _: None,
         )
 
-    def _check_air(
-        self, blocks: AnyBlocks, load: LoadCase, there: BoolArray, may: BoolArray
-    ) -> None:
+    def _check_air(self, there: BoolArray) -> None:
         """Reject blocks that nothing holds and nothing may prop."""
-        found, n = blocks.interfaces, blocks.n_blocks
-        graph = sp.coo_array((np.ones(len(found.block_m)), (found.block_m, found.block_s)), (n, n))
+        found, n = self.blocks.interfaces, len(there)
+        touch = there[found.block_m] & there[found.block_s]
+        pairs = found.block_m[touch], found.block_s[touch]
+        graph = sp.coo_array((np.ones(len(pairs[0])), pairs), (n, n))
         _, of = connected_components(graph.tocsr(), directed=False)
-        held = there & (self.fixed | may)
-        held[[support.block for support in load.held]] = True
+        held = self.fixed | self._may
+        held[[s.block for s in self.problem.rigid_load.held if not s.is_push]] = True
+        held &= there
         alone = there & ~np.isin(of, of[held])
         if alone.any():
             block = int(np.argmax(alone))
@@ -622,13 +706,13 @@ class _Building:
         self, question: Question, may: BoolArray
     ) -> tuple[FloatArray | None, FloatArray, Stands]:
         """Forces of the joints, props about mass centroids (n_blocks, 6), and the verdict."""
-        blocks, contacts, load = question.blocks, question.contacts, question.all_loads
+        blocks, contacts = question.blocks, question.contacts
         props = np.zeros((blocks.n_blocks, 6))
         owner, along, wrenches = self._unit_props(blocks, may)
         if not len(owner):
             return None, props, Stands.FALLS
         columns = _columns(contacts, owner, wrenches)
-        found = _least_propping(question.frictional, columns, along[:, 2], load)
+        found = _least_propping(question, columns, along, owner)
         if found is None:
             return None, props, Stands.FALLS
         forces, sizes = found
@@ -654,30 +738,55 @@ def _columns(contacts: Contacts, owner: IntArray, wrenches: FloatArray) -> sp.cs
 
 
 def _least_propping(
-    frictional: FrictionalContacts, props: sp.csc_array, cost: FloatArray, load: FloatArray
+    question: Question, props: sp.csc_array, along: FloatArray, owner: IntArray
 ) -> tuple[FloatArray, FloatArray] | None:
-    """Forces of the joints (n_contacts, 3) and props (n,) of least cost; None: nothing balances."""
+    """Forces of the joints (n_contacts, 3) and props (n,) of least sum; None: nothing balances.
+
+    Of all that have it, to `_LOOSE`, those of least squares: of the forces of props on each block,
+    and of the joints as elsewhere.
+    """
     import clarabel
 
-    n, k, size = 3 * frictional.n_contacts, len(cost), float(np.linalg.norm(load))
-    rows, cones = admissible_cones(frictional)
-    solution = least_conic(
-        quadratic=sp.csc_array((n + k, n + k)),
-        cost=np.concatenate([np.zeros(n), cost]),
-        equal=sp.hstack([frictional.matrix, props]),
-        target=-load / size,
-        rows=sp.block_diag([rows, sp.eye_array(k)]) if n else sp.eye_array(k),
-        cones=[*cones, clarabel.NonnegativeConeT(k)],
-        work=Work(),
+    frictional, load = question.frictional, question.all_loads
+    n, k, size = 3 * frictional.n_contacts, len(along), float(np.linalg.norm(load))
+    joints, cones = admissible_cones(frictional)
+    rows: Any = sp.block_diag([joints, sp.eye_array(k + 1)]) if n else sp.eye_array(k + 1)
+    # The last unknown is what the sum misses of its limit.
+    total = np.concatenate([np.zeros(n), along[:, 2], [1.0]])
+    column = np.ones(n // 3) if question.weights is None else question.weights
+    axis = 3 * owner[:, None] + np.arange(3)
+    entries = along.ravel(), (axis.ravel(), np.repeat(np.arange(k), 3))
+    of_block = sp.coo_array(entries, (int(axis.max()) + 1, k)).tocsc()
+    squares = sp.block_diag(
+        [sp.diags_array(np.repeat(column**-2.0, 3)), of_block.T @ of_block, sp.csc_array((1, 1))]
     )
-    x = np.asarray(solution.x)
-    if not np.isfinite(x).all():
+    balance: Any = sp.hstack([frictional.matrix, props, sp.csc_array((len(load), 1))])
+    limited: Any = sp.vstack([balance, sp.csc_array(total[None])])
+    none = sp.csc_array(squares.shape)
+
+    def solved(limit: float | None) -> FloatArray | None:
+        """Unknowns of least sum, or of least squares within a limit of the sum."""
+        first = limit is None
+        solution = least_conic(
+            quadratic=none if first else squares,
+            cost=total if first else np.zeros(len(total)),
+            equal=balance if first else limited,
+            target=-load / size if limit is None else np.append(-load / size, limit),
+            rows=rows,
+            cones=[*cones, clarabel.NonnegativeConeT(k + 1)],
+            work=Work(),
+        )
+        x = np.asarray(solution.x)
+        if not np.isfinite(x).all():
+            return None
+        x = np.concatenate([frictional.projected(x[:n].reshape(-1, 3)).ravel(), x[n:].clip(0.0)])
+        return x if np.linalg.norm(balance @ x + load / size) <= NO_PROP else None
+
+    least = solved(None)
+    found = None if least is None else solved(float(total @ least) + _LOOSE)
+    if found is None:
         return None
-    forces, sizes = frictional.projected(x[:n].reshape(-1, 3)), np.maximum(x[n:], 0.0)
-    left = frictional.matrix @ forces.ravel() + props @ sizes + load / size
-    if np.linalg.norm(left) > NO_PROP:
-        return None
-    return size * forces, size * sizes
+    return size * found[:n].reshape(-1, 3), size * found[n:-1]
 
 
 def _held(question: Question, forces: FloatArray, props: FloatArray) -> tuple[float, float, float]:

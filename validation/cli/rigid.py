@@ -78,7 +78,9 @@ def mbd(
     from validation.output.command_files import FILES, write
     from validation.output.progress import following
     from validation.solving import solve
+    from validation.study.construction import solve_in_stages
     from validation.study.mesh_and_frames import check_asked
+    from validation.study.rowfile import store_or_none
 
     case = load_case(scene, settings or (), method="rigid")
     if stages and "stages" not in case.keys:
@@ -88,9 +90,11 @@ def mbd(
         solve_combinations(case, json, output, {"--fields": fields, **asked})
         return
     check_asked(case, asked)
-    with scene_outputs(case, json, output, FILES, fields=fields) as outputs:
-        with following(case.name) as show:
-            answer = solve(case, show)
+    kept = ("stages.jsonl",) if "stages" in case.keys else ()
+    with scene_outputs(case, json, output, (*FILES, *kept), fields=fields) as outputs:
+        rows = outputs.path(kept[0]) if kept and outputs.folder is not None else None
+        with following(case.name) as show, store_or_none(rows) as store:
+            answer = solve_in_stages(case, store, show) if kept else solve(case, show)
         write(answer.beside(_studied(case, answer, asked)), outputs)
 
 

@@ -23,6 +23,7 @@ from validation.solving import solve
 
 if TYPE_CHECKING:
     from fem.explicit.output.energy import History
+    from mbd.building.stages import StageResults
     from validation.output.explosion import Explosion
 
 #: Files of an answer.
@@ -36,6 +37,7 @@ FILES = (
     "mechanism.png",
     "explosion.png",
     "stages.png",
+    "stages.csv",
     "stresses.png",
     "displacement.png",
     "motions.csv",
@@ -72,6 +74,10 @@ def _write_files(answer: Answer, outputs: Outputs) -> None:
     write_sections(sections if isinstance(sections, SectionForces) else None, outputs)
     for name, draw in pictures(answer).items():
         outputs.write("picture", name, draw)
+    if "stages" in answer.parts:
+        columns = cast("StageResults", answer.parts["stages"]).table
+        rows = list(zip(*columns.values(), strict=True))
+        outputs.write("stages", "stages.csv", lambda path: write_csv(path, columns, rows))
     if rigid:
         return
     if details.push_curves:
