@@ -15,7 +15,7 @@ from validation.scene.deformable import METHODS, EffectName, parse_share
 from validation.scene.keys.toml_text import toml_value
 from validation.scene.polyhedra import PolyhedralScene
 from validation.scene.read import DeformableScene, apply_overrides, check_scene, scene_data
-from validation.scene.sections import LimitsSection
+from validation.scene.sections import LimitsSection, PicturesSection
 
 if TYPE_CHECKING:
     from fem.problem import Problem
@@ -122,6 +122,26 @@ class Case:
     def limits(self) -> LimitsSection:
         """What can be built."""
         return LimitsSection() if self.source is None else self.source.limits
+
+    @property
+    def load_words(self) -> str:
+        """The load with its size."""
+        return self.scene.load_words
+
+    @property
+    def pictures(self) -> PicturesSection:
+        """Format of its pictures."""
+        return PicturesSection() if self.source is None else self.source.pictures
+
+    @property
+    def auto(self) -> float | None:
+        """Share of p_max, p_eff and u within which effects are left out [-]; None: none are."""
+        return None if self.source is None else self.source.effects.auto
+
+    @property
+    def combinations(self) -> tuple[str, ...]:
+        """Names of its combinations of loads."""
+        return () if self.source is None else tuple(self.source.combinations)
 
     @property
     def keys(self) -> dict[str, Any]:
@@ -255,7 +275,7 @@ def with_auto(case: Case, tolerance: str | None, keep: Iterable[str] = ()) -> Ca
             f"{case.name}: --auto compares contact pressures of deformable blocks; expected a "
             "scene with contact, such as tsb1-pipe"
         )
-    if tolerance is None and case.scene.effects.auto is None:
+    if tolerance is None and case.auto is None:
         raise InputError("--keep: nothing is decided without --auto; expected --auto 1% beside it")
     unknown = [name for name in names if name not in set(EffectName)]
     if unknown:

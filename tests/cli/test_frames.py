@@ -25,7 +25,7 @@ def written(folder: Path) -> list[float]:
 
 def box_frames(folder: Path, count: int, *settings: str):
     box = load_case("cantilever", [COARSE, f"fem.frames={count}", *settings])
-    return on_its_mesh(box, on_frame=FrameWriter(folder, count, finite_rotation=False))
+    return on_its_mesh(box, on_frame=FrameWriter(folder, box))
 
 
 @pytest.mark.parametrize("count", [1, 2, 5, 12])
@@ -73,7 +73,7 @@ def test_frames_of_a_static_run_of_blocks_are_its_load_steps(tmp_path: Path) -> 
 
     def run(folder: Path | None, *settings: str):
         tube = load_case("tsb1-pipe", [*small, *settings])
-        writer = None if folder is None else FrameWriter(folder, 3, finite_rotation=False)
+        writer = None if folder is None else FrameWriter(folder, tube)
         return on_its_mesh(tube, on_frame=writer)
 
     full = run(tmp_path, "fem.frames=3")
@@ -94,9 +94,10 @@ def test_a_resumed_run_keeps_the_frames_before(tmp_path: Path) -> None:
     known: list[Any] = []
     short = ("fem.method=static", "fem.frames=1")
     on_its_mesh("cantilever", [COARSE, *short], on_frame=known.append)
+    four = load_case("cantilever", [COARSE, "fem.frames=4"])
 
     def frames(numbers, *, last: bool, resumed: bool) -> None:
-        writer = FrameWriter(tmp_path, 4, finite_rotation=False, resumed=resumed)
+        writer = FrameWriter(tmp_path, four, resumed=resumed)
         for number in numbers:
             ended = last and number == max(numbers)
             writer(replace(known[-1], number=number, time=0.1 * number, last=ended))

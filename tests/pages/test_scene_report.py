@@ -139,8 +139,8 @@ def test_an_answer_that_is_missing_says_why(tmp_path) -> None:
 )
 def test_only_a_factor_below_one_is_bad_news(factor: float, remark: str, tone: str) -> None:
     measure = Measure(factor, "times the load", remark=remark)
-    scene = load_case("tsb1-pipe", [*SETTINGS, "material.tensile_strength=3"]).scene
-    found = strength_verdict(scene, {"cracking_factor": measure}, computed=True)
+    strong = load_case("tsb1-pipe", [*SETTINGS, "material.tensile_strength=3"])
+    found = strength_verdict(strong.problem.materials, {"cracking_factor": measure}, computed=True)
     assert found.tone == tone
     assert (remark or measure.value_words) in found.words
     # What is not stated is asked for by its key, what is stated is not.
@@ -152,8 +152,8 @@ def test_only_a_factor_below_one_is_bad_news(factor: float, remark: str, tone: s
 def test_a_missing_factor_never_makes_a_larger_one_the_answer(least: float, first: bool) -> None:
     missing = Measure(least, "times the load", remark="not found: the limit of work")
     factors = {"cracking_factor": Measure(98.95, "times the load"), "crushing_factor": missing}
-    scene = load_case("tsb1-pipe", SETTINGS).scene
-    found = strength_verdict(scene, factors, computed=True)
+    materials = load_case("tsb1-pipe", SETTINGS).problem.materials
+    found = strength_verdict(materials, factors, computed=True)
     assert found.tone == OPEN
     assert ("crushing" in found.words) is first
     assert ("98.95" in found.words) is not first

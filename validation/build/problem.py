@@ -29,7 +29,6 @@ from validation.scene.family import AssemblyScene
 from validation.scene.plausibility import check_block_size, too_large_to_deform
 from validation.scene.polyhedra import PolyhedralScene
 from validation.scene.read import DeformableScene
-from validation.scene.sections import WholeScene
 
 
 def _refuse(scene: DeformableScene, name: str) -> None:
@@ -189,7 +188,7 @@ def build_blocks(scene: AssemblyScene) -> LoadCase:
     return scene_load(scene, assembly)
 
 
-def scene_planes(scene: WholeScene, assembly: AnyBlocks) -> Planes | None:
+def scene_planes(scene: DeformableScene, assembly: AnyBlocks) -> Planes | None:
     """Planes of a scene; None where it has none."""
     if not scene.sections:
         return None

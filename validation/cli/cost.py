@@ -47,6 +47,6 @@ def cost(
         with following(file.name) as follow:
             study = run_cost(file, store, quick=quick, progress=follow)
         print_study(study, outputs.console)
-        title = f"{', '.join((file.name, *(settings or ())))}: {file.scene.load_words}"
+        title = f"{', '.join((file.name, *(settings or ())))}: {file.load_words}"
         outputs.write("picture", "cost.png", lambda path: draw_study(study, path, title=title))
         outputs.write_json(study_json(study))

@@ -101,10 +101,7 @@ def _solved(case: Case, outputs: Outputs, resume: Path | None) -> Answer:
 
     files: dict[str, Any] = {}
     if outputs.folder is not None:
-        turning, resumed = case.scene.effects.finite_rotation, resume is not None
-        frames = FrameWriter(
-            outputs.folder, case.scene.fem.frames, finite_rotation=turning, resumed=resumed
-        )
+        frames = FrameWriter(outputs.folder, case, resumed=resume is not None)
         files = {"checkpoint": outputs.path(CHECKPOINT), "on_frame": frames}
     with solver_progress(case.name) as show:
         answer = solve(case, show, resume=resume, **files)

@@ -124,7 +124,7 @@ def decided(
     case: Case, console: Console, keep: Sequence[str] | None
 ) -> tuple[Case, dict[str, Any]]:
     """The case with its effects decided where it leaves that to the program, and the decision."""
-    if case.scene.effects.auto is None:
+    if case.auto is None:
         return case, {}
     from validation.study.effects import report
 

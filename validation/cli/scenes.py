@@ -81,8 +81,8 @@ def show(
 
 def _draw_scene(file: Case, path: Path) -> None:
     """Draw the blocks before any answer, with load and supports where they are of the scene."""
-    title, weight = f"{file.name}: {file.scene.load_words}", file.scene.weight
-    problem = file.with_method("rigid").problem
+    title, problem = f"{file.name}: {file.load_words}", file.with_method("rigid").problem
+    weight: Any = problem.gravity
     if problem.is_solid:
         from validation.output.pictures.polyhedra import draw_blocks
 

@@ -156,7 +156,7 @@ class Outputs:
         """Footer and labels of pictures."""
         if self.scene is None:
             return Look()
-        requested = self.scene.scene.pictures
+        requested = self.scene.pictures
         return Look(requested.footer, requested.labels)
 
     def path(self, name: str) -> Path:

@@ -81,12 +81,12 @@ class SceneReport:
     @cached_property
     def verdicts(self) -> list[Verdict]:
         """Answers to what a reader asks first."""
-        return verdicts(self.file.scene, self.rigid, self.deformable, self.failed)
+        return verdicts(self.rigid, self.deformable, self.failed)
 
     @property
     def title(self) -> str:
         """Scene and load."""
-        return f"{self.file.name}: {self.file.scene.load_words}"
+        return f"{self.file.name}: {self.file.load_words}"
 
     @cached_property
     def tables(self) -> list[RowTable]:
@@ -143,7 +143,7 @@ def report_scene(
     if rigid is None and run is None:
         raise InputError(next(iter(failed.values())))
     title = ""
-    if file.scene.combinations:
+    if file.combinations:
         title = "Load combinations"
     elif load_cases and isinstance(file.scene, RoundScene):
         title = "The five load cases, same pressure"
@@ -170,7 +170,7 @@ def _side_by_side(known: Answer, tell: Tell) -> LoadTable:
     from geometry.loads import CASES
 
     case, answers, failed = known.case, dict[str, Answer](), dict[str, str]()
-    if case.scene.combinations:
+    if case.combinations:
         cases = combination_cases(case)
     else:
         under = {name: case.varied({"load.case": name}) for name in CASES}
@@ -179,7 +179,7 @@ def _side_by_side(known: Answer, tell: Tell) -> LoadTable:
     for number, (name, one) in enumerate(cases.items(), 1):
         tell(f"{blocks} blocks under {name}, {number} of {len(cases)}")
         asked = partial(_repeatable, one)
-        answer = known if one.scene == case.scene else _tried(failed, name, asked)
+        answer = known if one.source == case.source else _tried(failed, name, asked)
         if answer is not None:
             answers[name] = answer.numbers_alone()
     return LoadTable(kind, answers, failed)
@@ -202,9 +202,8 @@ def _pictures(report: SceneReport) -> Iterator[tuple[str, str, Callable[[Path], 
 def _draw_assembly(run: Answer, path: Path) -> None:
     from validation.output.pictures.assemblies import draw_assembly
 
-    scene, result = run.case.scene, run.details
-    title = f"{run.case.name}: {scene.load_words}"
-    draw_assembly(result.blocks, result.load, path, title=title, weight=scene.weight)
+    title, weight = f"{run.case.name}: {run.case.load_words}", run.problem.gravity
+    draw_assembly(run.details.blocks, run.details.load, path, title=title, weight=weight)
 
 
 def figures(report: SceneReport) -> list[Figure]:
@@ -228,12 +227,12 @@ def _views(report: SceneReport) -> list[View3d]:
         return views
     rigid, run = report.rigid, report.deformable
     if rigid is not None:
-        layers = middle_layers(rigid.case.scene, rigid.details.blocks)
+        layers = middle_layers(rigid.details.blocks)
         words = "contact pressures" if rigid.details.holds else "blocks"
         title = f"{rigid.title}; {words}{layer_words(layers)}"
         views.append(pressure_view(rigid, title, "rigid", layers))
     if run is not None:
-        layers = middle_layers(run.case.scene, run.details.deformable.assembly)
+        layers = middle_layers(run.details.deformable.assembly)
         title = f"{run.title}; σ₁{layer_words(layers)}"
         views.append(stress_view(run, title, "deformable", layers))
     return views

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from fem.accuracy.parts import Accuracy
+from fem.element.material import Material
 from geometry.answer import (
     FACTORS,
     Answer,
@@ -17,8 +18,6 @@ from geometry.answer import (
 from geometry.parts.balance import reaction_rows
 from mbd import MechanismClass
 from mbd.rows import OF_RIGID_BLOCKS
-from validation.scene.polyhedra import PolyhedralScene
-from validation.scene.read import DeformableScene
 
 #: Whether an answer is good news, bad news, neither, or good on a condition, as pages colour it.
 GOOD, BAD, OPEN, CAUTION = "true", "false", "open", "caution"
@@ -50,15 +49,12 @@ class Verdict:
     """What stands below it."""
 
 
-def verdicts(
-    scene: DeformableScene,
-    rigid: Answer | None,
-    fem: Answer | None,
-    failed: Mapping[str, str],
-) -> list[Verdict]:
+def verdicts(rigid: Answer | None, fem: Answer | None, failed: Mapping[str, str]) -> list[Verdict]:
     """Answer the questions of a reader; ``failed`` says why an answer is missing, by its kind."""
     result = [] if rigid is None else [_locked(rigid), _carried(rigid)]
-    if isinstance(scene, PolyhedralScene):
+    answer = fem if fem is not None else rigid
+    assert answer is not None
+    if answer.case.solids is not None:
         result.reverse()  # of masonry the first question is whether it stands
     if "rigid" in failed:
         result.append(Verdict("Rigid blocks?", "no answer", OPEN, (failed["rigid"],)))
@@ -66,11 +62,10 @@ def verdicts(
         result.append(Verdict("Deformable blocks?", "no answer", BAD, (failed["fem"],)))
     result.append(_how_much(rigid, fem))
     result.append(_how_sure(fem))
-    answer = fem if fem is not None else rigid
-    assert answer is not None
+    materials = answer.problem.materials
     result += [
-        strength_verdict(scene, answer.measures, computed=fem is not None),
-        castable(scene, answer),
+        strength_verdict(materials, answer.measures, computed=fem is not None),
+        castable(answer),
     ]
     return result
 
@@ -90,13 +85,13 @@ def _locked(rigid: Answer) -> Verdict:
 def _carried(rigid: Answer) -> Verdict:
     """Say whether rigid blocks carry the load, and up to which limit."""
     result = rigid.details
-    lines = [f"Load: {rigid.case.scene.load_words}."]
+    lines = [f"Load: {rigid.case.load_words}."]
     if result.friction is None:
         words = f"{result.equilibrium.status}{result.edges}"
         lines.append(f"Rigid blocks without friction: {words}.")
     else:
         lines.append(f"Rigid blocks: {result.words}.")
-    if result.holds and isinstance(rigid.case.scene, PolyhedralScene):
+    if result.holds and rigid.case.solids is not None:
         reactions = reaction_rows(rigid.report.get("reactions", {}))
         lines += [f"Reaction of {row.words}." for row in reactions]
     for name in ("motion", "collapse", "sliding"):
@@ -169,7 +164,7 @@ def _reached(accuracy: Accuracy) -> list[str]:
 
 
 def strength_verdict(
-    scene: DeformableScene, measures: Mapping[str, Measure], *, computed: bool
+    materials: Sequence[Material], measures: Mapping[str, Measure], *, computed: bool
 ) -> Verdict:
     """State the load factors at cracking and crushing, or the keys that they need."""
     lines, factors = [], [name for name in FACTORS if name in measures]
@@ -184,7 +179,7 @@ def strength_verdict(
     for name, (key, value) in _STRENGTHS.items():
         if name in factors:
             continue
-        if getattr(scene.material, key) is not None:
+        if any(getattr(material, key) is not None for material in materials):
             why = "only static deformable blocks have it" if not computed else "not computed"
             lines.append(f"{FACTORS[name].words}: {why}")
             continue
@@ -198,10 +193,10 @@ def strength_verdict(
     return Verdict("When does it fail first?", words, tone, tuple(lines))
 
 
-def castable(scene: DeformableScene, answer: Answer) -> Verdict:
+def castable(answer: Answer) -> Verdict:
     """Say whether walls and joints keep the limits of the scene, with what is built."""
-    lines = dimension_lines(scene, answer)
-    limits = scene.limits
+    lines = [f"{row.title}: {row.words}" for row in answer.parts["dimensions"].rows]
+    limits = answer.case.limits
     exceeded = [line for line in lines if "TOO " in line]
     if limits.least_wall is None and limits.steepest_joint is None:
         words = "not checked: set limits.least_wall [mm] and limits.steepest_joint [degrees]"
@@ -210,9 +205,3 @@ def castable(scene: DeformableScene, answer: Answer) -> Verdict:
         others = tuple(line for line in lines if line not in exceeded)
         return Verdict("Can it be cast?", f"no: {'; '.join(exceeded)}", BAD, others)
     return Verdict("Can it be cast?", "yes, within the limits of the scene", GOOD, tuple(lines))
-
-
-def dimension_lines(scene: DeformableScene, answer: Answer) -> list[str]:
-    """Volume, mass, contact area, least wall and steepest joint, as tables print them."""
-    lines = [f"{row.title}: {row.words}" for row in answer.parts["dimensions"].rows]
-    return lines if scene.caution is None else [*lines, scene.caution]

@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 
 from fem.state import State
-from geometry.answer import Answer
+from geometry.answer import Answer, is_round
+from geometry.assembly import Assembly
 from validation.output.command_files import is_meshed
 from validation.output.pictures.bodies import (
     PressedFacets,
@@ -26,8 +27,6 @@ from validation.output.pictures.polyhedra import contact_parts, polyhedra_parts
 from validation.output.pictures.scales import Scale, drawing_scale
 from validation.output.pictures.tubes import all_faces, stress_scale
 from validation.output.pictures.view_3d import View3d, make_view
-from validation.scene.family import RoundScene
-from validation.scene.read import DeformableScene
 
 #: Layers on each side of the middle one that views of long tubes show.
 _AROUND = 1
@@ -114,9 +113,12 @@ def stress_view(
     )
 
 
-def middle_layers(scene: DeformableScene, assembly: Any) -> range | None:
+def middle_layers(assembly: Any) -> range | None:
     """Layers of a long tube that are large enough to see; None: all."""
-    if not isinstance(scene, RoundScene) or assembly.n_layers <= 2 * _AROUND + 1:
+    if (
+        not (isinstance(assembly, Assembly) and is_round(assembly))
+        or assembly.n_layers <= 2 * _AROUND + 1
+    ):
         return None
     middle = middle_layer(assembly)
     return range(middle - _AROUND, middle + _AROUND + 1)

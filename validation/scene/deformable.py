@@ -33,17 +33,21 @@ from validation.scene.keys.docstrings import (
     YOUNG_MODULUS,
 )
 from validation.scene.sections import (
+    CutSection,
     Finite,
+    LimitsSection,
     NoAngle,
     NonNegative,
+    PicturesSection,
+    PlausibilitySection,
     Positive,
     RigidSection,
     Section,
     StagesSection,
     Vector,
-    WholeScene,
     section_of,
     unset,
+    vector_words,
 )
 from validation.scene.supports import (
     NOT_LOADS,
@@ -324,9 +328,17 @@ def keys_of_other(method: str) -> set[str]:
     return set(FemSection.model_fields) - mine
 
 
-class DeformableSections(WholeScene):
-    """Sections of scenes whose blocks may also be deformable; not needed for the rigid answer."""
+class DeformableSections(Section):
+    """Sections that every scene may have."""
 
+    #: Whether frames at both ends may lock a short assembly whose blocks alone would not be.
+    frames_may_lock: ClassVar[bool] = False
+
+    plausibility: PlausibilitySection = unset(PlausibilitySection)
+    pictures: PicturesSection = unset(PicturesSection)
+    limits: LimitsSection = unset(LimitsSection)
+    sections: tuple[CutSection, ...] = ()
+    """Planes whose section forces are printed and written."""
     material: MaterialSection = MaterialSection.model_validate("concrete")
     materials: dict[str, NamedMaterialSection] = Field(default={})
     """Materials of some blocks by name."""
@@ -447,9 +459,24 @@ class DeformableSections(WholeScene):
         return gap_words(self.contact) if self.meets else ""
 
     @property
-    def weight(self) -> Vector | None:
-        """``effects.gravity`` itself."""
-        return self.effects.gravity
+    def caution(self) -> str | None:
+        """What of the scene is unusual though it has an answer; None where nothing is."""
+        return None
+
+    @property
+    def load_words(self) -> str:
+        """The load with its size."""
+        load: Any = self.load  # type: ignore[attr-defined]
+        weight = self.effects.gravity
+        if isinstance(load, dict):
+            parts = [f"{part.words} on {face}" for face, part in load.items()]
+        else:
+            parts = [load.words]
+        if weight is not None:
+            parts.append(f"weight {vector_words(weight)} mm/s²")
+        parts += [one.words for one in self.loads]
+        parts += filter(None, (one.moved_words for one in self.supports))
+        return " + ".join(filter(None, parts)) or "no load"
 
     def straightened(self, assembly: Assembly) -> bool:  # noqa: ARG002
         """Whether files have nodes between corners that elements of degree 1 leave out."""

@@ -20,7 +20,6 @@ from geometry.machine.work import beyond_memory
 from geometry.parts.placed import AnyBlocks, AssemblyError, check_size
 from validation.scene.family import FamilyScene
 from validation.scene.keys.docstrings import YOUNG_MODULUS, Range, ranges
-from validation.scene.sections import WholeScene
 
 #: Sizes of numbers whose products with a few others are still floats.
 SMALLEST, LARGEST = 1e-50, 1e50
@@ -87,7 +86,7 @@ def _case(scene: Any) -> str | None:
     return case
 
 
-def check_block_size(scene: WholeScene, assembly: AnyBlocks) -> None:
+def check_block_size(scene: FamilyScene, assembly: AnyBlocks) -> None:
     """Reject blocks that cannot be measured in millimetres, unless the scene says they are."""
     if _BLOCK_SIZE in scene.plausibility.accept:
         return

@@ -284,43 +284,6 @@ class LimitsSection(Section):
     """Largest angle of a joint to its mean plane that can be cast [degrees]."""
 
 
-class WholeScene(Section):
-    """Sections that every scene may have."""
-
-    #: Whether frames at both ends may lock a short assembly whose blocks alone would not be.
-    frames_may_lock: ClassVar[bool] = False
-
-    plausibility: PlausibilitySection = unset(PlausibilitySection)
-    pictures: PicturesSection = unset(PicturesSection)
-    limits: LimitsSection = unset(LimitsSection)
-    sections: tuple[CutSection, ...] = ()
-    """Planes whose section forces are printed and written."""
-
-    @property
-    def weight(self) -> Vector | None:
-        """Acceleration by which blocks weigh beside their load [mm/s²]; None: none is named."""
-        return None
-
-    @property
-    def caution(self) -> str | None:
-        """What of the scene is unusual though it has an answer; None where nothing is."""
-        return None
-
-    @property
-    def load_words(self) -> str:
-        """The load with its size."""
-        load: Any = self.load  # type: ignore[attr-defined]
-        if isinstance(load, dict):
-            parts = [f"{part.words} on {face}" for face, part in load.items()]
-        else:
-            parts = [load.words]
-        if self.weight is not None:
-            parts.append(f"weight {vector_words(self.weight)} mm/s²")
-        parts += [one.words for one in getattr(self, "loads", ())]
-        parts += filter(None, (one.moved_words for one in getattr(self, "supports", ())))
-        return " + ".join(filter(None, parts)) or "no load"
-
-
 def vector_words(values: Sequence[float]) -> str:
     """Components in parentheses."""
     return "(" + ", ".join(f"{value:g}" for value in values) + ")"

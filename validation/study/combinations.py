@@ -25,14 +25,14 @@ from validation.study.run import answered
 
 def combination_cases(file: Case) -> dict[str, Case]:
     """Return a scene under each of its combinations, by their names."""
-    if not file.scene.combinations:
+    if not file.combinations:
         raise InputError(
             f"{file.name}: combinations: got none; expected sections such as [combinations.NAME] "
             "with factors: weight = 1.35, load = 1.5"
         )
     return {
         name: replace(file.stating(combined(file.scene, name)), name=f"{file.name}, {name}")
-        for name in file.scene.combinations
+        for name in file.combinations
     }
 
 

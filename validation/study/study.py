@@ -181,7 +181,7 @@ class SceneStudy(Study):
         """Name, method, and the load where no design changes it."""
         if any(path.startswith("load") for path, _ in self.parameters):
             return super().title
-        return f"{super().title}: {self.case(0).scene.load_words}"
+        return f"{super().title}: {self.case(0).load_words}"
 
     def unit_of(self, column: str) -> str:
         """Unit of a measure or of a key; empty where it has none."""

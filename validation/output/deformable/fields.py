@@ -30,6 +30,7 @@ if TYPE_CHECKING:
 
     from fem.explicit.solve import Frame
     from fem.state import State
+    from validation.case import Case
 
 
 def groups_mesh(groups: Sequence[Body]) -> HexMesh:
@@ -169,17 +170,10 @@ class FrameWriter:
     spread best, the last always.
     """
 
-    def __init__(
-        self,
-        folder: Path,
-        count: int,
-        *,
-        finite_rotation: bool,
-        resumed: bool = False,
-    ) -> None:
+    def __init__(self, folder: Path, case: Case, *, resumed: bool = False) -> None:
         self.folder = folder
-        self.count = count
-        self.finite_rotation = finite_rotation
+        self.case = case
+        self.count: int = case.method.frames  # type: ignore[union-attr]
         self.kept: dict[int, float] = self._known() if resumed else {}
         """Time of each frame by its number."""
         numbers = sorted(self.kept)
@@ -194,7 +188,7 @@ class FrameWriter:
         if frame.number % self.stride and not frame.last:
             return
         path = self.folder / _frame_name(frame.number)
-        turning = self.finite_rotation
+        turning = self.case.problem.finite_rotation
         write_fields(path, frame.groups, frame.displacements, finite_rotation=turning)
         self.kept[frame.number] = float(frame.time)
         if frame.last:

@@ -119,7 +119,7 @@ def draw_pressures(run: Answer, path: Path) -> None:
     facets = interface_facets(
         run.details.blocks, run.details.contact_index, run.contacts["pressure"]
     )
-    draw_pressed_facets(facets, path, title=pressure_title(run), weight=run.case.scene.weight)
+    draw_pressed_facets(facets, path, title=pressure_title(run), weight=run.problem.gravity)
 
 
 def draw_pressed_facets(
@@ -342,7 +342,7 @@ def draw_mechanism(run: Answer, path: Path) -> None:
         surfaces(assembly, blocks, shade, nodes=nodes),
         outlines(assembly, blocks, nodes=nodes),
     ]
-    view = View(parts, eye(assembly), weight=run.case.scene.weight)
+    view = View(parts, eye(assembly), weight=run.problem.gravity)
     words = "a motion that the load does not drive"
     if run.details.driven is not None:
         words = "the motion that the load drives"

@@ -126,7 +126,7 @@ class Panel:
         """Room of axes or numbers below what is drawn [in]."""
         if self.numbers or self.plot:
             return 0.0 if self.bare else _NUMBERS[2]
-        return _BELOW_VIEW + (0.1 if self.view and self.view.weight else 0.0)
+        return _BELOW_VIEW + (0.1 if self.view and self.view.weight is not None else 0.0)
 
     @property
     def below(self) -> float:

@@ -120,7 +120,7 @@ def draw_polyhedra(run: Answer, path: Path) -> None:
                 [], [], color=VERMILION, marker="o", linestyle="", label="edge or corner contact"
             )
         )
-    weight = run.case.scene.weight
+    weight = run.problem.gravity
     blocks = Panel("blocks", View(polyhedra_parts(assembly), eye(assembly), weight=weight))
     counts = (result.n_blocks, "free block"), (interfaces.n_contacts, "contact point")
     gallery(

@@ -13,6 +13,7 @@ import numpy as np
 
 from fem.element.functions import lobatto_points
 from fem.element.stress import von_mises
+from geometry.answer import is_round
 from geometry.families.hexagon_block import EDGE_NAMES
 from geometry.mesh import FloatArray, structured_quads
 from validation.output.pictures.assemblies import draw_pressed_facets
@@ -35,7 +36,6 @@ from validation.output.pictures.scales import (
     scale_from_zero,
     symmetric_scale,
 )
-from validation.scene.family import RoundScene
 
 if TYPE_CHECKING:
     from fem.state import State
@@ -75,7 +75,7 @@ MISES = Stress("von Mises stress", von_mises, "largest", "mises_max", MOTION_MAP
 
 def stresses_of(answer: Answer) -> tuple[Stress, ...]:
     """Stresses that the pictures of a run show."""
-    return (*STRESSES, MISES) if answer.case.scene.pictures.mises else STRESSES
+    return (*STRESSES, MISES) if answer.case.pictures.mises else STRESSES
 
 
 def blocks_view(
@@ -163,17 +163,12 @@ def extreme(answer: Answer, stress: Stress) -> tuple[FloatArray, str]:
     return answer.details.deformable.positions(block)[node], words.replace("-", "−")
 
 
-def _is_tube(answer: Answer) -> bool:
-    """Whether the blocks stand round an axis, with inner and outer faces."""
-    return isinstance(answer.case.scene, RoundScene)
-
-
 def draw_stresses(answer: Answer, path: Path) -> None:
     """Draw stresses and the displacement, and the first stress on the faces that meet others.
 
     Of a tube the outer surface, and the joints of the middle layer; of other blocks all surfaces.
     """
-    solution, tube = answer.details, _is_tube(answer)
+    solution, tube = answer.details, is_round(answer.details.deformable.drawn)
     direction = eye(solution.deformable.drawn, extreme(answer, STRESSES[0])[0])
     faces = ("outer",) if tube else all_faces(solution)
     columns = []
@@ -204,9 +199,10 @@ def _joint_panels(answer: Answer, direction: Direction) -> list[Panel]:
     Of a tube those of the layer in which it is extreme.
     """
     assembly, stress = answer.details.deformable.drawn, STRESSES[0]
+    tube = is_round(assembly)
     scale = stress_scale(answer.details, stress)
     blocks, where = answer.details.deformable.deformable_blocks, "in the joints"
-    if _is_tube(answer):
+    if tube:
         layer = answer[stress.measure].place["layer"]  # type: ignore[index]
         blocks, where = blocks[assembly.layer[blocks] == layer], f"in the joints of layer {layer}"
         direction = steep(direction, 1.0)
@@ -227,7 +223,7 @@ def _joint_panels(answer: Answer, direction: Direction) -> list[Panel]:
         outlines(assembly, shown, nodes=nodes, opacity=0.5),
     ]
     top, bottom = above_and_below(parts, direction, title=f"{stress.symbol} {where}", scale=scale)
-    return [replace(top, scale=None), bottom] if _is_tube(answer) else [top, bottom]
+    return [replace(top, scale=None), bottom] if tube else [top, bottom]
 
 
 def draw_displacement(answer: Answer, path: Path) -> None:

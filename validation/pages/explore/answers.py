@@ -51,13 +51,13 @@ def rigid_shown(file: Case) -> tuple[Answer, Shown]:
     """Answer a scene by rigid blocks."""
     start = time.process_time()
     run = solve(file.with_method("rigid"))
-    found = [vars(v) for v in verdicts(file.scene, run, None, {})]
+    found = [vars(v) for v in verdicts(run, None, {})]
     ignored = [
         key
         for key in idle_keys(file.scene, "rigid")
         if key.startswith(("block.", "assembly.", "load."))
     ]
-    layers = dict.fromkeys((None, middle_layers(file.scene, run.details.blocks)))
+    layers = dict.fromkeys((None, middle_layers(run.details.blocks)))
     views = []
     for some in layers:
         view, scale, words = rigid_view(run, some)
@@ -171,14 +171,14 @@ def _deformable_shown(file: Case, tell: Any) -> Shown:
     start = time.process_time()
     answer = solve(file, lambda now: tell(str(now)))
     tell("pictures")
-    layers = dict.fromkeys((None, middle_layers(file.scene, answer.details.deformable.assembly)))
+    layers = dict.fromkeys((None, middle_layers(answer.details.deformable.assembly)))
     moved = f"displacement scaled × {drawing_scale(answer.details):g}"
     views = tuple(
         (*stressed(answer, some), f"Deformable blocks{layer_words(some)}: {_STRESS}, {moved}.")
         for some in layers
     )
     facts = {
-        "verdicts": [vars(v) for v in verdicts(file.scene, None, answer, {})],
+        "verdicts": [vars(v) for v in verdicts(None, answer, {})],
         "rows": answer.table.as_json(),
         "ignored": [],
         "mesh": answer.title,

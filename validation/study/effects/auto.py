@@ -150,7 +150,7 @@ def decide_effects(
     Effects to keep are not decided. Returns the case with what matters and nothing to decide, and
     the decision.
     """
-    tolerance = case.scene.effects.auto
+    tolerance = case.auto
     assert tolerance is not None
     plain = case.varied({"effects.auto": None})
     require_wider(case)

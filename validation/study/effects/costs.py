@@ -177,7 +177,7 @@ def effect_costs(
         costs.append(cost | {"matters": None if moved is None else moved.matters(tolerance)})
     return {
         "scene": case.name,
-        "load": case.scene.load_words,
+        "load": case.load_words,
         "changes": [change.as_json() for change in key_changes(case.scene, study.case(0).scene)],
         "tolerance": tolerance,
         **plain["cost"],

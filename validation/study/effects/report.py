@@ -35,7 +35,7 @@ def decided(
 def bound(case: Case, tolerance: str | None) -> float:
     """Change beyond which an effect matters: as asked, as ``effects.auto`` says, or 1 %."""
     if tolerance is None:
-        return case.scene.effects.auto or TOLERANCE
+        return case.auto or TOLERANCE
     share = parse_share(tolerance)
     if share is None:
         raise InputError(

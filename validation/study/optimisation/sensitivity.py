@@ -292,7 +292,7 @@ def sensitivity_of(
             slopes += _slopes(parameter, step, nearby)
         except RefusedError as error:
             failed[path] = str(error)
-    return Sensitivity(file.name, file.scene.load_words, method, tuple(slopes), failed)
+    return Sensitivity(file.name, file.load_words, method, tuple(slopes), failed)
 
 
 #: Key, value and number of meshes, from coarse to fine, of an answer.

@@ -277,7 +277,7 @@ def _limits(name: str, data: Mapping[str, Any], study: SceneStudy) -> tuple[Limi
 
 def _castable(place: str, given: Any, study: SceneStudy) -> list[Limit]:
     """Limits of the scene for casting."""
-    limits = study.case(0).scene.limits
+    limits = study.case(0).limits
     stated = [
         Limit("least_wall", least=limits.least_wall or -math.inf),
         Limit("steepest_joint", most=limits.steepest_joint or math.inf),
