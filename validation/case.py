@@ -12,7 +12,9 @@ from fem.method import Explicit, Static
 from mbd.options import Rigid
 from validation.errors import InputError, named
 from validation.scene.deformable import METHODS, EffectName, parse_share
-from validation.scene.keys.toml_text import toml_value
+from validation.scene.family import RoundScene
+from validation.scene.keys.quantities import unit_of_key
+from validation.scene.keys.toml_text import flat, toml_value
 from validation.scene.polyhedra import PolyhedralScene
 from validation.scene.read import DeformableScene, apply_overrides, check_scene, scene_data
 from validation.scene.sections import LimitsSection, PicturesSection
@@ -139,13 +141,33 @@ class Case:
         return None if self.source is None else self.source.effects.auto
 
     @property
+    def kind(self) -> str:
+        """Type of its blocks."""
+        return str(self.scene.block.type)
+
+    @property
+    def is_tube(self) -> bool:
+        """Whether its keys make blocks that stand round an axis, in layers."""
+        return isinstance(self.source, RoundScene)
+
+    @property
+    def values(self) -> dict[str, Any]:
+        """Values of all keys of its scene by ``section.key``, defaults included."""
+        return dict(flat(self.scene.model_dump(mode="json")))
+
+    def unit(self, key: str) -> str:
+        """Unit of a key of its scene; empty where it has none."""
+        unit = unit_of_key(self.scene, key)
+        return "" if unit is None else unit.name
+
+    @property
     def combinations(self) -> tuple[str, ...]:
         """Names of its combinations of loads."""
         return () if self.source is None else tuple(self.source.combinations)
 
     @property
     def keys(self) -> dict[str, Any]:
-        """What its scene states, as plain data."""
+        """What its scene states, as plain data by section."""
         return self.scene.model_dump(mode="json", exclude_unset=True)
 
     @property
@@ -168,6 +190,14 @@ class Case:
     def varied(self, values: Mapping[str, Any]) -> Case:
         """Return the case with other values by key, None and whole sections among them."""
         return self.stating(self.scene.changed(values))
+
+    def coarser(self, share: float) -> Case | None:
+        """Return the case with about that share of the elements along every edge.
+
+        None where it has no fewer: meshes that are given node by node have no coarser one.
+        """
+        scene = self.scene.coarser(share)
+        return None if scene is None else self.stating(scene)
 
     def stating(self, scene: DeformableScene) -> Case:
         """Return the case with another scene, and the same kind of method."""
@@ -257,7 +287,7 @@ def require_deformable(case: Case, command: str) -> None:
     """Reject a case without deformable blocks in contact."""
     if not case.scene.meets:
         raise InputError(
-            f"{case.name}: block.type {case.scene.block.type!r} has no deformable blocks in "
+            f"{case.name}: block.type {case.kind!r} has no deformable blocks in "
             f"contact, and `tubelock {command}` needs them; expected a scene such as tsb1-pipe"
         )
 

@@ -106,12 +106,12 @@ def test_an_exact_answer_has_no_error() -> None:
     ids=["sine", "hexagon", "planar", "bricks", "osteomorphic", "boxes"],
 )
 def test_coarser_meshes_can_be_built(case: Case) -> None:
-    scene, fine = case.scene, case.problem.deformable.n_elements
+    fine = case.problem.deformable.n_elements
     for share in (2.0 / 3.0, 0.5):
-        coarse = scene.coarser(share)
+        coarse = case.coarser(share)
         assert coarse is not None
-        assert 0.5 * share**3 * fine < case.stating(coarse).problem.deformable.n_elements < fine
-    coarsest = scene.coarser(1e-9)
+        assert 0.5 * share**3 * fine < coarse.problem.deformable.n_elements < fine
+    coarsest = case.coarser(1e-9)
     assert coarsest is not None
     assert coarsest.coarser(0.5) is None
 

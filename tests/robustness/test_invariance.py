@@ -124,7 +124,7 @@ def _scene(name: str) -> Subject:
     layers = getattr(getattr(case.scene, "assembly", None), "layers", 0)
     if layers > 2:
         case = case.changed({"assembly.layers": 2})
-    result = solve(case.stating(case.scene.coarser(0.2) or case.scene)).details
+    result = solve(case.coarser(0.2) or case).details
     wrenches, blocks = result.load.wrenches, result.blocks
     if not wrenches.any():
         return _weighed(blocks, None)

@@ -87,14 +87,14 @@ def test_effects_are_those_of_the_scene_switched_off() -> None:
         assert decision.change is not None
         assert decision.change.values == pytest.approx(true.values, abs=1e-3)
         assert decision.simulated is decision.change.matters(0.01)
-        assert has_effect(case.scene, decision.effect) is decision.simulated
+        assert has_effect(case, decision.effect) is decision.simulated
 
 
 @pytest.mark.quick
 def test_no_effect_is_switched_on() -> None:
     case, found = decided(load_case("tsb1-pipe", [*COARSE, "effects.auto=0.01"]))
     assert not found.decisions
-    assert not effects_of(case.scene)
+    assert not effects_of(case)
     assert found.work == 0.0
 
 

@@ -8,12 +8,17 @@ the number of layers.
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 from geometry.assembly import Assembly
 from geometry.loads import CASES
 from validation.errors import InputError, named
 from validation.scene.family import RoundScene, round_types
 from validation.scene.plausibility import check_block_size
 from validation.scene.read import DeformableScene
+
+if TYPE_CHECKING:
+    from validation.case import Case
 
 
 def check_cell(scene: DeformableScene, name: str) -> RoundScene:
@@ -61,10 +66,10 @@ def build_cell(scene: DeformableScene, name: str) -> Assembly:
     return assembly
 
 
-def refuse_cell(scene: DeformableScene, name: str, command: str) -> None:
+def refuse_cell(case: Case, command: str) -> None:
     """Reject a periodic cell where the whole tube is needed."""
-    if scene.is_cell:
+    if case.scene.is_cell:
         raise InputError(
-            f'{name}: fem.symmetry: got "periodic cell"; `tubelock {command}` needs the whole '
+            f'{case.name}: fem.symmetry: got "periodic cell"; `tubelock {command}` needs the whole '
             'tube: expected "auto"'
         )

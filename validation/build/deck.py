@@ -28,7 +28,7 @@ def build_deck(case: Case, flavour: Flavour | None = None) -> Deck:
     scene, static = case.scene, isinstance(case.method, Static)
     if flavour is None:
         flavour = Flavour.STANDARD if static else Flavour.GENERAL
-    refuse_cell(scene, case.name, "export")
+    refuse_cell(case, "export")
     problem = case.problem
     notes = []
     # CalculiX has no contact in explicit steps; single bodies do what the scene says.

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 import inspect
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -197,9 +197,9 @@ def method_options(section: str, *names: str, of_scene: bool = True) -> Callable
             if "accuracy" in asked:
                 asked["accuracy"] = parse_targets(asked["accuracy"])
             if of_scene:
-                from validation.scene.keys.toml_text import toml_value
+                from validation.scene.keys.toml_text import flat, toml_value
 
-                words = [f"{section}.{key}={toml_value(value)}" for key, value in _flat(asked)]
+                words = [f"{section}.{key}={toml_value(value)}" for key, value in flat(asked)]
                 options["settings"] = [*(options.get("settings") or ()), *words]
             else:
                 options["asked"] = asked
@@ -215,15 +215,6 @@ def method_options(section: str, *names: str, of_scene: bool = True) -> Callable
         return run
 
     return mark
-
-
-def _flat(asked: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
-    """Keys of a section and their values."""
-    for name, value in asked.items():
-        if isinstance(value, Mapping):
-            yield from ((f"{name}.{key}", part) for key, part in value.items())
-        else:
-            yield name, value
 
 
 def command(function: Callable[..., None]) -> Callable[..., None]:

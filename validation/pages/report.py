@@ -21,7 +21,6 @@ from validation.output.provenance import Provenance
 from validation.pages.page import page_text, webp_of
 from validation.pages.verdicts import Verdict, verdicts
 from validation.pages.views import layer_words, middle_layers, pressure_view, stress_view
-from validation.scene.family import RoundScene
 from validation.scene.keys.toml_text import toml_text
 from validation.solving import repeatable, solve
 from validation.study.combinations import combination_cases, combination_rows
@@ -145,7 +144,7 @@ def report_scene(
     title = ""
     if file.combinations:
         title = "Load combinations"
-    elif load_cases and isinstance(file.scene, RoundScene):
+    elif load_cases and file.is_tube:
         title = "The five load cases, same pressure"
     known = [answer for answer in (rigid, run) if answer is not None and title]
     loads = tuple(_side_by_side(answer, tell) for answer in known)

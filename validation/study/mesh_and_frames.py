@@ -18,7 +18,7 @@ from geometry.parts.rows import Row, number
 from mbd import MechanismClass
 from validation.case import Case
 from validation.errors import InputError
-from validation.scene.family import AssemblyScene, RoundScene, round_types
+from validation.scene.family import round_types
 from validation.solving import solve
 
 #: Elements along every edge over those of the scene.
@@ -72,13 +72,12 @@ class Refinement:
 def check_asked(case: Case, asked: Mapping[str, bool]) -> None:
     """Reject what makes no tube, and facets that are given node by node or by triangles."""
     for option in ("--layers-to-unlock", "--disassemble"):
-        if asked[option] and not isinstance(case.scene, RoundScene):
+        if asked[option] and not case.is_tube:
             raise InputError(
-                f"{case.name}: {option}: block.type {case.scene.block.type!r} makes no tube; "
+                f"{case.name}: {option}: block.type {case.kind!r} makes no tube; "
                 f"expected {round_types()}"
             )
-    meshed = isinstance(case.scene, AssemblyScene)
-    if asked["--refine"] and not (meshed and case.scene.coarser(FACTOR)):
+    if asked["--refine"] and case.coarser(FACTOR) is None:
         raise InputError(
             f"{case.name}: --refine: its blocks have no mesh that could be refined; expected a "
             "scene that states how many elements a block has"
@@ -87,9 +86,9 @@ def check_asked(case: Case, asked: Mapping[str, bool]) -> None:
 
 def refined(case: Case, answer: Answer) -> Refinement:
     """Solve a rigid case on facets of half the length and compare."""
-    finer = case.scene.coarser(FACTOR)
+    finer = case.coarser(FACTOR)
     assert finer is not None
-    result = solve(case.stating(finer))
+    result = solve(finer)
     one, other = _compared(answer), _compared(result)
     values = other if one else {}
     return Refinement(

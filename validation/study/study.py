@@ -19,7 +19,7 @@ import difflib
 import json
 import math
 import tomllib
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from decimal import Decimal
 from functools import cached_property
@@ -34,7 +34,7 @@ from validation.errors import InputError
 from validation.scene.builtin import builtin_text
 from validation.scene.deformable import parse_share
 from validation.scene.keys.idle import is_idle
-from validation.scene.keys.quantities import unit_of_key
+from validation.scene.keys.toml_text import flat, is_range
 from validation.scene.read import apply_overrides, check_scene, read_text, scene_data
 from validation.study.design import (
     COLUMNS,
@@ -187,8 +187,7 @@ class SceneStudy(Study):
         """Unit of a measure or of a key; empty where it has none."""
         if "." not in column:
             return super().unit_of(column)
-        of_key = unit_of_key(self.case(0).scene, column)
-        return "" if of_key is None else of_key.name
+        return self.case(0).unit(column)
 
     def case(self, number: int) -> Case:
         """Case of a design; its scene is checked once."""
@@ -388,23 +387,9 @@ def _scene_source(scene: str, folder: Path | None) -> str:
     return str(beside) if beside is not None and beside.suffix == ".toml" else scene
 
 
-def _is_range(given: Any) -> bool:
-    return isinstance(given, Mapping) and ("from" in given or "to" in given)
-
-
-def flat(data: Mapping[str, Any], above: tuple[str, ...] = ()) -> Iterator[tuple[str, Any]]:
-    """``section.key`` and value, from quoted keys and from nested tables alike."""
-    for key, value in data.items():
-        place = (*above, key)
-        if isinstance(value, Mapping) and not _is_range(value):
-            yield from flat(value, place)
-        else:
-            yield ".".join(place), value
-
-
 def parameter_values(place: str, given: Any) -> tuple[Value, ...]:
     """Values of a parameter, from a list or a range."""
-    if _is_range(given):
+    if is_range(given):
         return _range(place, given)
     if not isinstance(given, list):
         raise InputError(

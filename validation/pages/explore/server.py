@@ -35,7 +35,6 @@ from validation.pages.explore.answers import (
 )
 from validation.pages.explore.sliders import Controls, changed, controls
 from validation.pages.page import page_text
-from validation.scene.family import RoundScene
 
 #: Names of this machine in the address of a page; others are answered with 404, so that no page of
 #: another site can reach the server under a name of its own.
@@ -140,8 +139,8 @@ class _Channel(WebSocketHandler):
         coarse = data.get("fine") is not True
         stated = changed(self.file, self.known, values, coarse=False)
         one = changed(self.file, self.known, values, coarse=True) if coarse else stated
-        stopped = stated.scene != self.current.scene and self.process is not None
-        if stated.scene != self.current.scene:
+        stopped = stated.source != self.current.source and self.process is not None
+        if stated.source != self.current.source:
             self._stop()
             self.deformable = None
         self.current, self.rigid = stated, None
@@ -233,7 +232,7 @@ def application(file: Case, pool: ThreadPoolExecutor, *, host: str = HERE) -> Ap
         "explore.html",
         file=file,
         controls=known.as_json(),
-        round=isinstance(file.scene, RoundScene),
+        round=file.is_tube,
     )
     stated = {"file": file, "known": known, "pool": pool}
     app = Application(websocket_max_message_size=_LONGEST)

@@ -1,9 +1,9 @@
-"""Scenes as TOML text."""
+"""Scenes as TOML text, and their keys."""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 #: Sections that a reader looks for first.
@@ -45,3 +45,18 @@ def toml_text(data: Mapping[str, Any]) -> str:
 
 def _section(value: Any) -> bool:
     return isinstance(value, Mapping)
+
+
+def is_range(given: Any) -> bool:
+    """Whether a value states a range of values."""
+    return isinstance(given, Mapping) and ("from" in given or "to" in given)
+
+
+def flat(data: Mapping[str, Any], above: tuple[str, ...] = ()) -> Iterator[tuple[str, Any]]:
+    """``section.key`` and value, from quoted keys and from nested tables alike."""
+    for key, value in data.items():
+        place = (*above, key)
+        if isinstance(value, Mapping) and not is_range(value):
+            yield from flat(value, place)
+        else:
+            yield ".".join(place), value

@@ -35,7 +35,7 @@ def compared_runs(
             "contact forces on its way: `tubelock fem` draws force against displacement next to "
             "the rigid limit, `tubelock mbd` prints the limit"
         )
-    refuse_cell(case.scene, case.name, "compare")
+    refuse_cell(case, "compare")
     static = case.with_method("static")  # the method is not the scene's to choose here
     problem = static.check()
     rigid = _rigid(problem)

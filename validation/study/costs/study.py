@@ -114,7 +114,7 @@ def coarsest_mesh(case: Case) -> dict[str, Any]:
             "pressures on finer and finer meshes; expected a scene whose blocks meet and have "
             "[mesh], such as tsb1-pipe, thb0-tunnel or planar-sine"
         )
-    refuse_cell(scene, name, "cost")
+    refuse_cell(case, "cost")
     for effect, why in _REFUSED.items():
         if getattr(scene.effects, effect):
             raise InputError(f"{name}: effects.{effect}: {why}; remove {effect}")
@@ -130,7 +130,7 @@ def coarsest_mesh(case: Case) -> dict[str, Any]:
 
 def cost_cases(case: Case, *, quick: bool = False) -> dict[str, Case]:
     """Methods on meshes of a scene by name, the finest one last."""
-    counts, limits = coarsest_mesh(case), case.scene.fem
+    counts, limits = coarsest_mesh(case), case.method
     levels, accuracies = (QUICK_LEVELS, QUICK_ACCURACIES) if quick else (LEVELS, ACCURACIES)
     static = Static(
         mesh="scene",

@@ -16,15 +16,14 @@ from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 from fem.accuracy.converge import usual_work
-from fem.method import Static
+from fem.method import Explicit, Static
 from fem.state import State
 from fem.static.linear_step.flexibility import FlexibilityStore
 from geometry.errors import RefusedError
 from geometry.machine.work import LimitError, budget
 from validation.case import Case
 from validation.errors import InputError
-from validation.scene.deformable import EffectName, Method
-from validation.scene.read import DeformableScene
+from validation.scene.deformable import EffectName
 from validation.study.effects.probe import (
     Change,
     change,
@@ -121,16 +120,16 @@ class EffectsDecision:
         }
 
 
-def candidates(scene: DeformableScene, keep: Collection[str]) -> tuple[EffectName, ...]:
-    """Effects of a scene that a static probe can decide."""
-    explicit = scene.fem.method is Method.EXPLICIT
+def candidates(case: Case, keep: Collection[str]) -> tuple[EffectName, ...]:
+    """Effects of a case that a static probe can decide."""
+    explicit = isinstance(case.method, Explicit)
     fixed = {EffectName.FINITE_ROTATION} if explicit else {EffectName.FINITE_ROTATION, _SLIDING}
-    return tuple(e for e in effects_of(scene) if e not in keep and e not in fixed)
+    return tuple(e for e in effects_of(case) if e not in keep and e not in fixed)
 
 
 def require_wider(case: Case) -> None:
     """Reject error bars that effects which are left out may exceed, as none holds their change."""
-    auto, accuracy = case.scene.effects.auto, case.scene.fem.accuracy
+    auto, accuracy = case.auto, getattr(case.method, "accuracy", None)
     if auto is None or not accuracy:
         return
     least = min(accuracy, key=lambda measure: accuracy[measure])
@@ -154,7 +153,7 @@ def decide_effects(
     assert tolerance is not None
     plain = case.varied({"effects.auto": None})
     require_wider(case)
-    names = candidates(plain.scene, keep)
+    names = candidates(plain, keep)
     start = time.process_time()
     probe = _Probe(plain, names, told or (lambda _: None))
     result = _left_out(probe, [probe.decision(effect) for effect in names], tolerance)
@@ -165,8 +164,8 @@ def decide_effects(
     return decided, EffectsDecision(
         tolerance=tolerance,
         decisions=result,
-        as_written=tuple(e for e in effects_of(plain.scene) if e not in names),
-        probe=f"static, {mesh_words(probe.case.scene)}",
+        as_written=tuple(e for e in effects_of(plain) if e not in names),
+        probe=f"static, {mesh_words(probe.case)}",
         cpu_seconds=time.process_time() - start,
         work=probe.work,
     )
@@ -251,7 +250,7 @@ class _Probe:
 
     def decision(self, effect: EffectName) -> Decision:
         """What an effect changes; whether it is left out is decided for all of them together."""
-        off = key_changes(self._full.scene, without_effect(self._full, effect).scene)
+        off = key_changes(self._full, without_effect(self._full, effect))
         if effect in _DAMPING:
             return self._damping(effect, off)
         if self._base is None:
@@ -266,7 +265,7 @@ class _Probe:
 
     def _sliding(self, off: tuple[KeyChange, ...], base: State) -> Decision:
         """Decide about finite sliding by the slip of the probe, which is static and small."""
-        slips = largest_slip_share(base, self._full.scene, self.case.scene)
+        slips = largest_slip_share(base, self._full, self.case)
         if slips is None:
             return Decision(_SLIDING, off, True, None, "meshes that do not match need it")
         slip, share = slips
@@ -278,7 +277,8 @@ class _Probe:
         method, at_rest = self._full.method, Change(0.0, 0.0, 0.0)
         if isinstance(method, Static):
             return Decision(effect, off, False, at_rest, "zero at rest: a static run")
-        if self._full.scene.damping == "static":
+        assert isinstance(method, Explicit)
+        if method.damped(moves=self._full.problem.motion is not None) == "static":
             return Decision(effect, off, False, at_rest, "zero at rest, where this run ends")
         reason = "this run is not driven to rest, so damping shapes its end"
         return Decision(effect, off, True, None, reason)

@@ -23,7 +23,7 @@ from fem.method import Explicit
 from validation.build.cell import refuse_cell
 from validation.case import Case
 from validation.errors import InputError, named
-from validation.scene.deformable import EffectName, Method
+from validation.scene.deformable import EffectName
 from validation.solving import solve
 from validation.study.effects.probe import Numbers, change, numbers_of
 from validation.study.effects.switches import effects_of, key_changes, without_effect
@@ -44,10 +44,10 @@ def to_rest(case: Case) -> Case:
 
     Mass-proportional damping takes the place of the adaptive one.
     """
-    rayleigh = case.scene.effects.rayleigh
+    explicit = case.with_method("explicit")
+    rayleigh = explicit.method.rayleigh  # type: ignore[union-attr]
     by_mass = rayleigh is not None and rayleigh.mass_proportional is not None
-    damping = None if by_mass else "static"
-    return case.varied({"fem": {"method": Method.EXPLICIT, "damping": damping}})
+    return explicit.varied({"fem.damping": None if by_mass else "static"})
 
 
 def _stated(case: Case) -> TimedSystem:
@@ -101,7 +101,7 @@ class EffectStudy(Study):
         case, times = self.base, dict(self.times)
         if number > 0:
             case = to_rest(without_effect(case, self.effects[number - 1]))
-        if case.scene.fem.damping is not None:
+        if case.method.damping is not None:  # type: ignore[union-attr]
             del times["end_time"]
         return case.varied({"fem": times})
 
@@ -115,7 +115,7 @@ class EffectStudy(Study):
             cost["seconds_per_step"] = min(advance(system, state) for _ in range(ROUNDS))
         else:
             effect = self.effects[number - 1]
-            changes = [change.as_json() for change in key_changes(base.scene, case.scene)]
+            changes = [change.as_json() for change in key_changes(base, case)]
             cost = {"name": effect.replace("_", " "), "changes": changes}
             cost |= _measured(base, case)
         answer = asdict(_answer(case)) if self.answers else None
@@ -145,8 +145,8 @@ def effect_costs(
         switch it off, what that changes of the three [%], and time of a step, memory and critical
         time step with it over those without it.
     """
-    refuse_cell(case.scene, case.name, "effects")
-    effects = effects_of(case.scene)
+    refuse_cell(case, "effects")
+    effects = effects_of(case)
     if not effects:
         raise InputError(
             f"{case.name}: got a scene without effects, where there is none to switch off; "
@@ -156,7 +156,8 @@ def effect_costs(
     statement = _stated(base)
     assert statement.recommended is not None  # blocks meet
     frequency, ramp = statement.recommended.frequency, statement.ramp_time
-    end = base.scene.fem.end_time or ramp + _PERIODS / frequency
+    assert isinstance(base.method, Explicit)
+    end = base.method.end_time or ramp + _PERIODS / frequency
     study = EffectStudy(
         case.name,
         "fem",
@@ -178,7 +179,7 @@ def effect_costs(
     return {
         "scene": case.name,
         "load": case.load_words,
-        "changes": [change.as_json() for change in key_changes(case.scene, study.case(0).scene)],
+        "changes": [change.as_json() for change in key_changes(case, study.case(0))],
         "tolerance": tolerance,
         **plain["cost"],
         **(plain["answer"] or {}),

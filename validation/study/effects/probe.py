@@ -17,7 +17,6 @@ from geometry.machine.work import LimitError
 from validation.case import Case
 from validation.errors import InputError, named
 from validation.scene.deformable import Method
-from validation.scene.read import DeformableScene
 
 #: Residual at which a probe stops: three digits beyond what it has to tell.
 _TOLERANCE = 1e-5
@@ -83,7 +82,7 @@ def solve_probe(case: Case, store: FlexibilityStore | None = None) -> State:
     """Static state of a probe; probes that share a store condense the same blocks once."""
     with named(case.name):
         deformable = case.problem.deformable
-    symmetry = 1 if case.scene.fem.symmetry == "none" else None
+    symmetry = 1 if getattr(case.method, "symmetry", "") == "none" else None
     options = StaticOptions(symmetry=symmetry, tolerance=_TOLERANCE)
     try:
         return static_state(deformable, options, store=store)
@@ -106,7 +105,7 @@ def probe_of(case: Case) -> Case:
         still["finite_sliding"] = False
     static = case.varied({"fem": {"method": Method.STATIC, "frames": 0}, "effects": still})
     for factor in (1, 2, 4):
-        coarse = _coarse_mesh(case.scene, factor)
+        coarse = _coarse_mesh(case, factor)
         if not coarse:
             break
         probe = static.varied({"mesh": coarse})
@@ -118,38 +117,36 @@ def probe_of(case: Case) -> Case:
     return static
 
 
-def _coarse_mesh(scene: DeformableScene, factor: int) -> dict[str, Any]:
+def _coarse_mesh(case: Case, factor: int) -> dict[str, Any]:
     """Values of ``[mesh]`` that are lower in the probe; none where the mesh is given."""
-    result = scene.coarse_mesh(factor * _PER_WAVE, factor * _THROUGH, factor * _OTHER)
-    own = scene.element_counts
+    result = case.scene.coarse_mesh(factor * _PER_WAVE, factor * _THROUGH, factor * _OTHER)
+    own = case.scene.element_counts
     return {key: value for key, value in result.items() if value != own[key]}
 
 
-def refinement(scene: DeformableScene, probe: DeformableScene) -> float:
-    """How many times as many elements the scene has along an edge of a block, at most."""
-    fine, coarse = scene.element_counts, probe.element_counts
+def refinement(case: Case, probe: Case) -> float:
+    """How many times as many elements the case has along an edge of a block, at most."""
+    fine, coarse = case.scene.element_counts, probe.scene.element_counts
     if not fine:
         return 1.0
     return max(float(np.max(np.divide(fine[key], coarse[key]))) for key in fine)
 
 
-def mesh_words(scene: DeformableScene) -> str:
+def mesh_words(case: Case) -> str:
     """Elements of a block."""
-    counts = scene.element_counts
+    counts = case.scene.element_counts
     if not counts:
         return "its own mesh"
     flat = np.concatenate([np.atleast_1d(v) for v in counts.values()]).tolist()
     return " × ".join(str(v) for v in flat) + f" elements per block ({', '.join(counts)})"
 
 
-def largest_slip_share(
-    solved: State, scene: DeformableScene, probe: DeformableScene
-) -> tuple[float, float] | None:
-    """Largest slip of a probe [mm], and its share of a facet of the scene [-].
+def largest_slip_share(solved: State, case: Case, probe: Case) -> tuple[float, float] | None:
+    """Largest slip of a probe [mm], and its share of a facet of the case [-].
 
     None where facets are searched: their meshes do not match.
     """
     if solved.slip is None:
         return None
     slip = solved.slip["largest"]
-    return slip, slip / solved.slip["facet_size"] * refinement(scene, probe)
+    return slip, slip / solved.slip["facet_size"] * refinement(case, probe)

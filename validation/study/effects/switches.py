@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
 from validation.case import Case
 from validation.scene.deformable import EffectName
 from validation.scene.keys.toml_text import toml_value
-from validation.scene.read import DeformableScene
-from validation.study.study import flat
 
 #: Effects that are on or off, without a value.
 _SWITCHES = (EffectName.ELASTIC_FRAME, EffectName.FINITE_ROTATION, EffectName.FINITE_SLIDING)
@@ -18,8 +15,9 @@ _SWITCHES = (EffectName.ELASTIC_FRAME, EffectName.FINITE_ROTATION, EffectName.FI
 _GAPS = (EffectName.CLEARANCE, EffectName.SPACING)
 
 
-def has_effect(scene: DeformableScene, effect: EffectName) -> bool:
-    """Whether a scene has an effect."""
+def has_effect(case: Case, effect: EffectName) -> bool:
+    """Whether the scene of a case has an effect."""
+    scene = case.scene
     if effect in _GAPS:
         return bool(getattr(scene.contact, effect) != 0.0)
     if effect is EffectName.FRICTION and any(pair.friction for pair in scene.contact.pairs):
@@ -27,9 +25,9 @@ def has_effect(scene: DeformableScene, effect: EffectName) -> bool:
     return bool(getattr(scene.effects, effect))
 
 
-def effects_of(scene: DeformableScene) -> tuple[EffectName, ...]:
-    """Effects of a scene."""
-    return tuple(effect for effect in EffectName if has_effect(scene, effect))
+def effects_of(case: Case) -> tuple[EffectName, ...]:
+    """Effects of the scene of a case."""
+    return tuple(effect for effect in EffectName if has_effect(case, effect))
 
 
 def without_effect(case: Case, effect: EffectName) -> Case:
@@ -67,16 +65,11 @@ def _text(value: Any) -> str:
     return f"{value:.6g}" if isinstance(value, float) else toml_value(value)
 
 
-def key_changes(before: DeformableScene, after: DeformableScene) -> tuple[KeyChange, ...]:
-    """What differs between two scenes."""
-    old, new = _values(before), _values(after)
+def key_changes(before: Case, after: Case) -> tuple[KeyChange, ...]:
+    """What differs between the scenes of two cases."""
+    old, new = before.values, after.values
     return tuple(
         KeyChange(key, old.get(key), new.get(key))
         for key in dict.fromkeys([*old, *new])
         if old.get(key) != new.get(key)
     )
-
-
-def _values(scene: DeformableScene) -> Mapping[str, Any]:
-    """Values of all keys, defaults included."""
-    return {key: v for key, v in flat(scene.model_dump(mode="json")) if v is not None}

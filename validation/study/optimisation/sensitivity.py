@@ -16,7 +16,7 @@ from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property
 from itertools import islice
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeGuard
 
 from rich.console import Console
 
@@ -29,7 +29,6 @@ from validation.output.console import listing
 from validation.output.files import write_csv
 from validation.output.pictures.gallery import save_figure, subplots
 from validation.output.pictures.scales import BLUE, VERMILION
-from validation.scene.keys.quantities import unit_of_key
 from validation.solving import repeatable, solve
 from validation.study.design import Quantity, Row
 from validation.study.rowfile import StudyRows
@@ -286,8 +285,7 @@ def sensitivity_of(
     base = nearby.values(_BASE)
     slopes, failed = list[Slope](), dict[str, str]()
     for path, value in values.items():
-        unit = unit_of_key(file.scene, path)
-        parameter = _Parameter(path, value, "" if unit is None else unit.name, base)
+        parameter = _Parameter(path, value, file.unit(path), base)
         try:
             slopes += _slopes(parameter, step, nearby)
         except RefusedError as error:
@@ -386,25 +384,22 @@ class _Nearby:
 
 def _numbers_of(file: Case, method: Quantity) -> list[str]:
     """All numbers of the sections that describe a block, in the order of the scene."""
-    result = []
-    for name in _SECTIONS[method]:
-        section = getattr(file.scene, name, None)
-        for key in type(section).model_fields if section is not None else ():
-            value = getattr(section, key)
-            if isinstance(value, int | float) and not isinstance(value, bool):
-                result.append(f"{name}.{key}")
+    values = file.values
+    numbers = [key for key, value in values.items() if key.count(".") == 1 and _is_number(value)]
+    numbers = [key for name in _SECTIONS[method] for key in numbers if key.startswith(f"{name}.")]
     if method == "rigid":
-        material = getattr(file.scene, "material", None)
-        named = (k for k in _RIGID_MATERIAL if getattr(material, k, None) is not None)
-        return [*result, *(f"material.{key}" for key in named)]
-    return [path for path in result if path.partition(".")[2] not in _NOT_STATIC]
+        named = (f"material.{key}" for key in _RIGID_MATERIAL)
+        return [*numbers, *(key for key in named if values.get(key) is not None)]
+    return [path for path in numbers if path.partition(".")[2] not in _NOT_STATIC]
+
+
+def _is_number(value: object) -> TypeGuard[float]:
+    return isinstance(value, int | float) and not isinstance(value, bool)
 
 
 def _number(file: Case, path: str) -> float:
-    value: Any = file.scene
-    for key in path.split("."):
-        value = getattr(value, key, None)
-    if not isinstance(value, int | float) or isinstance(value, bool):
+    value = file.values.get(path)
+    if not _is_number(value):
         known = ", ".join(_numbers_of(file, "fem"))
         raise InputError(
             f"{file.name}: {path}: got {value!r}, expected a number of the scene, such as {known}"

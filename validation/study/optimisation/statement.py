@@ -27,6 +27,7 @@ from typing import Any
 
 from geometry.answer import FACTORS
 from validation.errors import InputError
+from validation.scene.keys.toml_text import flat
 from validation.scene.read import read_text
 from validation.study.design import COLUMNS, MEASURES
 from validation.study.study import (
@@ -35,7 +36,6 @@ from validation.study.study import (
     check_keys,
     check_study,
     did_you_mean,
-    flat,
     parameter_values,
 )
 
