@@ -1,4 +1,4 @@
-"""The wheel: everything the command needs is in it, and it runs where there is no checkout."""
+"""Wheel and source archive: everything the command needs is in them, and they run elsewhere."""
 
 import ast
 import importlib.util
@@ -7,8 +7,11 @@ import os
 import subprocess
 import sys
 import sysconfig
+import tarfile
 import tomllib
 import zipfile
+from collections.abc import Callable
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -36,43 +39,51 @@ def test_a_module_gives_a_name_once() -> None:
 
 
 @pytest.fixture(scope="module")
-def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Return the wheel of this checkout, built without network."""
+def built(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Path]:
+    """Return the "wheel" or "sdist" of this checkout, built without network."""
     pytest.importorskip("hatchling")
-    folder = tmp_path_factory.mktemp("dist")
-    _run(sys.executable, "-m", "hatchling", "build", "-t", "wheel", "-d", folder, folder=ROOT)
-    (built,) = folder.glob("*.whl")
-    return built
+
+    @cache
+    def build(kind: str) -> Path:
+        folder = tmp_path_factory.mktemp(kind)
+        _run(sys.executable, "-m", "hatchling", "build", "-t", kind, "-d", folder, folder=ROOT)
+        (archive,) = folder.iterdir()
+        return archive
+
+    return build
 
 
-def test_every_file_of_the_packages_is_in_the_wheel(wheel: Path) -> None:
+def _files(wheel: Path) -> set[str]:
+    return {name for name in zipfile.ZipFile(wheel).namelist() if ".dist-info/" not in name}
+
+
+def test_every_file_of_the_packages_is_in_the_wheel_and_nothing_else(
+    built: Callable[[str], Path],
+) -> None:
     tracked = subprocess.run(
         ["git", "ls-files", *PACKAGES], cwd=ROOT, capture_output=True, text=True, check=False
     )
     if tracked.returncode:
         pytest.skip("no git, or no checkout: which files belong to the packages is not known")
-    expected = {name for name in tracked.stdout.splitlines() if (ROOT / name).is_file()}
-    assert expected - set(zipfile.ZipFile(wheel).namelist()) == set()
+    assert _files(built("wheel")) == {
+        name for name in tracked.stdout.splitlines() if (ROOT / name).is_file()
+    }
 
 
-@pytest.mark.slow
-def test_the_wheel_runs_outside_the_checkout(wheel: Path, tmp_path: Path) -> None:
-    """Rigid and deformable blocks, in an environment that has the dependencies and the wheel.
+def test_the_source_archive_makes_the_same_wheel(
+    built: Callable[[str], Path], tmp_path: Path
+) -> None:
+    with tarfile.open(built("sdist")) as archive:
+        archive.extractall(tmp_path, filter="data")
+    (source,) = tmp_path.iterdir()
+    assert source.name == f"tubelock-{PROJECT['version']}"
+    _run(sys.executable, "-m", "hatchling", "build", "-t", "wheel", "-d", tmp_path, folder=source)
+    (again,) = tmp_path.glob("*.whl")
+    assert _files(again) == _files(built("wheel"))
 
-    The dependencies are those of this environment, seen through a path file: path files in a folder
-    named by a path file are not read, so that an editable installation of the checkout stays out.
-    """
-    # The installer of this environment, where it has one, installs into the other.
-    other = () if importlib.util.find_spec("pip") is None else ("--without-pip",)
-    _run(sys.executable, "-m", "venv", *other, tmp_path / "env", folder=tmp_path)
-    paths = {"base": str(tmp_path / "env"), "platbase": str(tmp_path / "env")}
-    site = Path(sysconfig.get_path("purelib", "venv", paths))
-    python = Path(sysconfig.get_path("scripts", "venv", paths)) / "python"
-    (site / "dependencies.pth").write_text(sysconfig.get_path("purelib") + os.linesep, "utf-8")
-    pip = (sys.executable, "-m", "pip", "--python", python) if other else (python, "-m", "pip")
-    install = (*pip, "install", "--quiet", "--no-index", "--no-deps", "--no-compile")
-    _run(*install, wheel, folder=tmp_path)
-    elsewhere = tmp_path / "elsewhere"
+
+def _try_commands(python: Path, site: Path, elsewhere: Path) -> None:
+    """Run rigid and deformable blocks with an installed command, far from the checkout."""
     elsewhere.mkdir()
     tubelock = python.with_name("tubelock")
     small = ("assembly.layers=1", "mesh.around=12", "mesh.radial=1", "mesh.axial=2")
@@ -90,11 +101,53 @@ def test_the_wheel_runs_outside_the_checkout(wheel: Path, tmp_path: Path) -> Non
     _run(python, "-c", code, str(site), folder=elsewhere)
 
 
+def _empty_environment(folder: Path, *options: str) -> tuple[Path, Path]:
+    """Python and the folder of libraries of a new environment."""
+    _run(sys.executable, "-m", "venv", *options, folder, folder=folder.parent)
+    paths = {"base": str(folder), "platbase": str(folder)}
+    scripts = Path(sysconfig.get_path("scripts", "venv", paths))
+    return scripts / "python", Path(sysconfig.get_path("purelib", "venv", paths))
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("kind", ["wheel", "sdist"])
+def test_both_archives_install_into_an_empty_environment(
+    kind: str, built: Callable[[str], Path], tmp_path: Path
+) -> None:
+    """With what they declare, from the network, and without any tool of those who change code."""
+    python, site = _empty_environment(tmp_path / "env")
+    index = (str(python), "-m", "pip", "download", "--quiet", "--no-deps", "typer")
+    if subprocess.run(index, cwd=tmp_path, capture_output=True, check=False).returncode:
+        pytest.skip("no network: what the archives need cannot be installed")
+    _run(python, "-m", "pip", "install", "--quiet", built(kind), folder=tmp_path)
+    assert not {"pytest", "mypy", "hatchling", "sphinx"} & {p.name for p in site.iterdir()}
+    for words in (("scenes",), ("--help",)):
+        _run(python.with_name("tubelock"), *words, folder=tmp_path)
+    _try_commands(python, site, tmp_path / "elsewhere")
+
+
+@pytest.mark.slow
+def test_the_wheel_runs_outside_the_checkout(built: Callable[[str], Path], tmp_path: Path) -> None:
+    """In an environment that has the wheel and, through a path file, the dependencies of this one.
+
+    Path files in a folder named by a path file are not read, so that an editable installation of
+    the checkout stays out.
+    """
+    # The installer of this environment, where it has one, installs into the other.
+    other = () if importlib.util.find_spec("pip") is None else ("--without-pip",)
+    python, site = _empty_environment(tmp_path / "env", *other)
+    (site / "dependencies.pth").write_text(sysconfig.get_path("purelib") + os.linesep, "utf-8")
+    pip = (sys.executable, "-m", "pip", "--python", python) if other else (python, "-m", "pip")
+    install = (*pip, "install", "--quiet", "--no-index", "--no-deps", "--no-compile")
+    _run(*install, built("wheel"), folder=tmp_path)
+    _try_commands(python, site, tmp_path / "elsewhere")
+
+
 def test_the_version_is_stated_once_and_quoted_right() -> None:
     citation = (ROOT / "CITATION.cff").read_text("utf-8")
     assert f"\nversion: {PROJECT['version']}\n" in citation
     changes = (ROOT / "CHANGELOG.md").read_text("utf-8")
-    assert f"## [{PROJECT['version']}]" in changes or "## [Unreleased]" in changes
+    assert f"## [{PROJECT['version']}]" in changes
 
 
 def test_extras_are_named_where_installing_is_explained() -> None:
