@@ -25,8 +25,8 @@ from typing import TYPE_CHECKING, Any
 
 from mbd.analysis import RigidResult
 from mbd.answer import analyse, stages
-from mbd.contact_jacobian import contact_jacobian
-from mbd.mechanism import MechanismClass
+from mbd.contacts.jacobian import contact_jacobian
+from mbd.frictionless.mechanism import MechanismClass
 from mbd.options import FrictionLaw, Norm, Rigid, Solver, Stages
 
 if TYPE_CHECKING:

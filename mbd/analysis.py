@@ -27,22 +27,22 @@ from geometry.parts.pairs import OfPairs
 from geometry.parts.placed import AnyBlocks, PlacedBlocks
 from geometry.parts.rows import Notes, Part, Row
 from geometry.polyhedra.bare_contacts import CROSSING_EDGES, STANDING_CORNER
-from mbd.contact_jacobian import Contacts, contact_jacobian
-from mbd.equilibrium import Equilibrium, column_weights, equilibrium
-from mbd.mechanism import (
+from mbd.contacts.jacobian import Contacts, contact_jacobian
+from mbd.frictionless.equilibrium import Equilibrium, column_weights, equilibrium
+from mbd.frictionless.mechanism import (
     MANY_BLOCKS,
     Classification,
     MechanismClass,
     classify,
 )
 from mbd.options import Norm, Rigid, Solver
-from mbd.verdict import EdgesAndCorners, Verdict
+from mbd.results.verdict import EdgesAndCorners, Verdict
 
 if TYPE_CHECKING:
     from geometry.polyhedra.assembly import PolyhedralAssembly
-    from mbd.friction import CollapseLoad
-    from mbd.parts import Friction
-    from mbd.pushes import Push
+    from mbd.friction.equilibrium import CollapseLoad
+    from mbd.limits.pushes import Push
+    from mbd.results.parts import Friction
 
 
 #: Memory of a contact of a tube with its loads, as measured: without friction …
@@ -350,7 +350,7 @@ def _result(stated: RigidStatement, method: Rigid, tell: Callable[[str], None]) 
     start = time.process_time()
     parts, verdict, balance = dict(result.parts), result.verdict, result.equilibrium
     if coulomb is None and balance.holds and not result.supported_classification.locked:
-        from mbd.pushes import Pushes
+        from mbd.limits.pushes import Pushes
 
         dead, live = np.any(weight if weight is not None else 0.0), np.any(live_case.wrenches)
         alone = bool(dead) and not live
@@ -369,7 +369,7 @@ def _result(stated: RigidStatement, method: Rigid, tell: Callable[[str], None]) 
         parts["interference"] = Notes([Row("interference fit", words, group="verdict")])
     moving = result.moving
     if moving is not None:
-        from mbd.motion import motion_of_blocks, placed_motion
+        from mbd.results.motion import motion_of_blocks, placed_motion
 
         motion = placed_motion(whole, moving, ~result.load.fixed)
         proved = verdict.holds is False
@@ -400,7 +400,7 @@ def _judged(
     start, coulomb = time.process_time(), stated.coulomb
     parts: dict[str, Part] = {}
     if coulomb is not None or method.asks_more:
-        from mbd.parts import Question
+        from mbd.results.parts import Question
 
         nothing = np.zeros((blocks.n_blocks, 6))
         parts = Question(
@@ -441,7 +441,7 @@ def _factor(result: RigidResult) -> float:
 
 def _push(faces: AnyBlocks, load: LoadCase, coulomb: Coulomb | None) -> Push:
     """Limit of the support that pushes a block."""
-    from mbd.pushes import Push, push_limit
+    from mbd.limits.pushes import Push, push_limit
 
     friction, of_pairs = (0.0, ()) if coulomb is None else (coulomb.coefficient, coulomb.of_pairs)
     try:
@@ -454,8 +454,8 @@ def _settled(
     found: Equilibrium, blocks: AnyBlocks, contacts: Contacts, load: FloatArray, weights: FloatArray
 ) -> Equilibrium:
     """Decide by a growing load where neither forces nor a mechanism are proved."""
-    from mbd.friction import FrictionalEquilibrium, frictional_contacts
-    from mbd.loading import settled
+    from mbd.friction.equilibrium import FrictionalEquilibrium, frictional_contacts
+    from mbd.friction.loading import settled
 
     smooth = frictional_contacts(blocks, contacts, 0.0)
     before = np.column_stack([found.forces, np.zeros((len(found.forces), 2))])

@@ -38,18 +38,18 @@ from geometry.parts.measures import (
 from geometry.parts.placed import AnyBlocks
 from geometry.polyhedra.bare_contacts import CROSSING_EDGES, STANDING_CORNER
 from mbd.analysis import AnalysisError, RigidResult, RigidStatement, as_statement, rigid_result
-from mbd.contact_jacobian import contact_wrenches
-from mbd.mechanism import Mechanism
-from mbd.motion import placed_motion
+from mbd.contacts.jacobian import contact_wrenches
+from mbd.contacts.supports import support_wrenches
+from mbd.frictionless.mechanism import Mechanism
 from mbd.options import Rigid, Stages
-from mbd.rows import rigid_rows
-from mbd.supports import support_wrenches
+from mbd.results.motion import placed_motion
+from mbd.results.rows import rigid_rows
 
 if TYPE_CHECKING:
     from geometry.parts.rows import Part
     from geometry.polyhedra.assembly import PolyhedralAssembly
     from mbd.building.stages import StageResults
-    from mbd.motion import Motion
+    from mbd.results.motion import Motion
 
 #: Forces of joints below this part of the largest are zero to round-off.
 _ROUND_OFF = 1e-9

@@ -30,16 +30,16 @@ from geometry.parts.placed import AnyBlocks
 from geometry.polyhedra.assembly import as_polyhedral
 from geometry.polyhedra.options import DetectionOptions
 from mbd.analysis import Coulomb, RigidStatement
-from mbd.contact_jacobian import Contacts, contact_jacobian
-from mbd.equilibrium import Equilibrium, column_weights, newton_equilibrium
-from mbd.friction import (
+from mbd.contacts.jacobian import Contacts, contact_jacobian
+from mbd.friction.equilibrium import (
     MOST_FRICTION,
     FrictionalContacts,
     frictional_contacts,
     frictional_equilibrium,
 )
+from mbd.friction.squeeze import squeeze
+from mbd.frictionless.equilibrium import Equilibrium, column_weights, newton_equilibrium
 from mbd.options import Rigid
-from mbd.squeeze import squeeze
 
 #: Natural coordinates of the corners of a facet (4, 2), and of its Gauss points in each direction.
 _CORNERS = np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])

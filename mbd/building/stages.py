@@ -37,16 +37,16 @@ from geometry.parts.placed import AnyBlocks
 from geometry.parts.rows import Row, finite, first_of, grouped, number
 from mbd.analysis import RigidStatement, Stated, rubbing
 from mbd.building.take_out import Removal, WayOut, take_out
-from mbd.contact_jacobian import Contacts, contact_jacobian, contact_wrenches
-from mbd.equilibrium import column_weights, equilibrium
-from mbd.friction import admissible_cones
-from mbd.loading import MOST_SECONDS
-from mbd.mechanism import Classification, MechanismClass
+from mbd.contacts.jacobian import Contacts, contact_jacobian, contact_wrenches
+from mbd.contacts.supports import support_wrenches
+from mbd.friction.equilibrium import admissible_cones
+from mbd.friction.loading import MOST_SECONDS
+from mbd.friction.squeeze import squeeze
+from mbd.frictionless.equilibrium import column_weights, equilibrium
+from mbd.frictionless.mechanism import Classification, MechanismClass
 from mbd.options import Along, Rigid, Stages
-from mbd.parts import Question
 from mbd.programs import Work, least_conic
-from mbd.squeeze import squeeze
-from mbd.supports import support_wrenches
+from mbd.results.parts import Question
 
 if TYPE_CHECKING:
     from geometry.answer import Answer

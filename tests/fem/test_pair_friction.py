@@ -29,10 +29,10 @@ from geometry.errors import RefusedError
 from geometry.loads import LoadCase
 from geometry.parts.pairs import pair_values
 from mbd import contact_jacobian
-from mbd.force_range import force_ranges
-from mbd.friction import collapse_load, frictional_contacts
+from mbd.friction.equilibrium import collapse_load, frictional_contacts
+from mbd.limits.force_range import force_ranges
+from mbd.limits.sliding_collapse import sliding_collapse
 from mbd.options import FrictionLaw
-from mbd.sliding_collapse import sliding_collapse
 from tests.support.pushed_bricks import (
     EDGE,
     PRESSURE,

@@ -16,9 +16,9 @@ from geometry import TetrahedraLayer
 from geometry.families.platonic_layers import tetrahedron
 from geometry.parts.placed import AssemblyError
 from mbd import contact_jacobian
-from mbd.force_range import force_ranges
-from mbd.friction import frictional_contacts, frictional_equilibrium
-from mbd.pushes import at_rest
+from mbd.friction.equilibrium import frictional_contacts, frictional_equilibrium
+from mbd.limits.force_range import force_ranges
+from mbd.limits.pushes import at_rest
 from tests.support.commands import command
 from validation import Case, load_case, solve
 

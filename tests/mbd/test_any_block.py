@@ -28,9 +28,8 @@ from geometry.polyhedra.facet_contact import _at_vertices
 from geometry.polyhedra.options import ContactPlacement, CubeArrangement, DetectionOptions
 from geometry.polyhedra.polyhedron import convex_polyhedron
 from mbd import Norm, Rigid, Solver, analyse, contact_jacobian
-from mbd.contact_jacobian import Contacts
-from mbd.equilibrium import equilibrium, newton_equilibrium
-from mbd.friction import (
+from mbd.contacts.jacobian import Contacts
+from mbd.friction.equilibrium import (
     FrictionalContacts,
     FrictionError,
     FrictionLaw,
@@ -38,8 +37,9 @@ from mbd.friction import (
     frictional_contacts,
     frictional_equilibrium,
 )
-from mbd.mechanism import Classification, Mechanism, SelfStress, classify
-from mbd.pushes import Pushes, interlocking_margin
+from mbd.frictionless.equilibrium import equilibrium, newton_equilibrium
+from mbd.frictionless.mechanism import Classification, Mechanism, SelfStress, classify
+from mbd.limits.pushes import Pushes, interlocking_margin
 from tests.support.blocks import random_rotation, tsb
 from tests.support.linear_programs import solve_linear_programs
 from validation import load_case, solve

@@ -19,12 +19,12 @@ from geometry.polyhedra.assembly import PolyhedralAssembly, polyhedral_assembly
 from geometry.polyhedra.options import ContactPlacement, DetectionOptions
 from geometry.polyhedra.polyhedron import Polyhedron, convex_polyhedron
 from mbd import contact_jacobian
-from mbd.equilibrium import newton_equilibrium
-from mbd.force_range import PlaneProblem, force_ranges, plane_problem
-from mbd.friction import FrictionError, frictional_contacts
+from mbd.friction.equilibrium import FrictionError, frictional_contacts
+from mbd.frictionless.equilibrium import newton_equilibrium
+from mbd.limits.force_range import PlaneProblem, force_ranges, plane_problem
+from mbd.limits.pushes import Pushes
+from mbd.limits.sliding_collapse import SlidingCheck, SlidingCollapse
 from mbd.options import FrictionLaw
-from mbd.pushes import Pushes
-from mbd.sliding_collapse import SlidingCheck, SlidingCollapse
 from tests.support.blocks import random_rotation
 
 I = np.eye(3)  # noqa: E741

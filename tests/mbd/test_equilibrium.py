@@ -20,8 +20,8 @@ from geometry.families.tube import SineTube
 from geometry.loads import named_load
 from geometry.mesh import HexMesh, grid_faces, structured_hexahedra
 from mbd import Norm, Rigid, Solver, analyse, contact_jacobian
-from mbd.contact_jacobian import CongruentWrenches
-from mbd.equilibrium import clarabel_equilibrium, column_weights, newton_equilibrium
+from mbd.contacts.jacobian import CongruentWrenches
+from mbd.frictionless.equilibrium import clarabel_equilibrium, column_weights, newton_equilibrium
 from tests.support.blocks import random_rotation, tsb
 from tests.support.matrix_jacobian import as_jacobian
 

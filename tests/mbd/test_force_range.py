@@ -15,9 +15,9 @@ from geometry.families.platonic_layers import TetrahedraLayer
 from geometry.mesh import FloatArray
 from geometry.polyhedra.assembly import PolyhedralAssembly, polyhedral_assembly
 from mbd import contact_jacobian
-from mbd.equilibrium import newton_equilibrium
-from mbd.force_range import ForceRanges, force_ranges, plane_problem
-from mbd.friction import FrictionLaw, frictional_contacts, frictional_equilibrium
+from mbd.friction.equilibrium import FrictionLaw, frictional_contacts, frictional_equilibrium
+from mbd.frictionless.equilibrium import newton_equilibrium
+from mbd.limits.force_range import ForceRanges, force_ranges, plane_problem
 from tests.support.commands import command
 from tests.verification.closed_forms import body_force
 

@@ -15,10 +15,10 @@ from geometry.families.sine_block import SineBlockDivisions
 from geometry.families.tube import SineTube
 from geometry.loads import named_load
 from mbd import MechanismClass, RigidResult, analyse, contact_jacobian
-from mbd.contact_jacobian import contact_wrenches
-from mbd.equilibrium import newton_equilibrium
-from mbd.mechanism import Mechanism, SelfStress, classify
-from mbd.motion import placed_motion
+from mbd.contacts.jacobian import contact_wrenches
+from mbd.frictionless.equilibrium import newton_equilibrium
+from mbd.frictionless.mechanism import Mechanism, SelfStress, classify
+from mbd.results.motion import placed_motion
 from tests.support.blocks import random_rotation, tsb
 from tests.support.linear_programs import solve_linear_programs
 from tests.support.matrix_jacobian import as_jacobian

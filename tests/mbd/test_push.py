@@ -11,8 +11,8 @@ from geometry.parts.placed import AnyBlocks
 from geometry.parts.regions import Box, Plane
 from geometry.parts.supports import HeldFace
 from geometry.polyhedra.assembly import PolyhedralAssembly, as_polyhedral
-from mbd.pushes import Push, push_limit
-from mbd.supports import RigidSupportError
+from mbd.contacts.supports import RigidSupportError
+from mbd.limits.pushes import Push, push_limit
 
 pytestmark = pytest.mark.quick
 

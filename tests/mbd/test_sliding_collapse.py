@@ -9,15 +9,15 @@ from geometry.families.masonry import RunningBondWall, wall_of_rows
 from geometry.parts.placed import AssemblyError
 from geometry.polyhedra.assembly import PolyhedralAssembly
 from mbd import contact_jacobian
-from mbd.force_range import plane_problem
-from mbd.friction import (
+from mbd.friction.equilibrium import (
     FrictionalContacts,
     FrictionError,
     collapse_load,
     frictional_contacts,
     frictional_equilibrium,
 )
-from mbd.sliding_collapse import check_sliding, sliding_collapse
+from mbd.limits.force_range import plane_problem
+from mbd.limits.sliding_collapse import check_sliding, sliding_collapse
 from tests.verification.closed_forms import body_force, incline
 from tests.verification.printed_numbers import (
     ARCH_OF_27,

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from mbd.equilibrium import carried_beside
+from mbd.frictionless.equilibrium import carried_beside
 from tests.support.matrix_jacobian import as_jacobian
 
 pytestmark = pytest.mark.quick

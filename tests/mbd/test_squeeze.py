@@ -16,9 +16,9 @@ from geometry.mesh import FloatArray
 from geometry.polyhedra.assembly import PolyhedralAssembly, polyhedral_assembly
 from geometry.polyhedra.polyhedron import convex_polyhedron
 from mbd import analyse, contact_jacobian
-from mbd.friction import frictional_contacts, frictional_equilibrium
+from mbd.friction.equilibrium import frictional_contacts, frictional_equilibrium
+from mbd.friction.squeeze import Squeeze, squeeze
 from mbd.options import FrictionLaw
-from mbd.squeeze import Squeeze, squeeze
 from validation import load_case, solve
 
 pytestmark = pytest.mark.quick

@@ -16,11 +16,11 @@ from geometry.parts.regions import Plane
 from geometry.parts.supports import HeldFace
 from geometry.polyhedra.assembly import as_polyhedral
 from mbd import MechanismClass, analyse, contact_jacobian
-from mbd.force_range import force_ranges
-from mbd.friction import collapse_load, frictional_contacts, frictional_equilibrium
-from mbd.pushes import Pushes, interlocking_margin
-from mbd.sliding_collapse import sliding_collapse
-from mbd.supports import RigidSupportError
+from mbd.contacts.supports import RigidSupportError
+from mbd.friction.equilibrium import collapse_load, frictional_contacts, frictional_equilibrium
+from mbd.limits.force_range import force_ranges
+from mbd.limits.pushes import Pushes, interlocking_margin
+from mbd.limits.sliding_collapse import sliding_collapse
 
 pytestmark = pytest.mark.quick
 

@@ -24,13 +24,13 @@ from geometry.machine.work import (
 )
 from mbd import Rigid, analyse, contact_jacobian
 from mbd.analysis import _CONTACT_BYTES
-from mbd.equilibrium import newton_equilibrium
-from mbd.force_range import force_ranges
-from mbd.friction import frictional_contacts, frictional_equilibrium
+from mbd.friction.equilibrium import frictional_contacts, frictional_equilibrium
+from mbd.friction.squeeze import squeeze
+from mbd.frictionless.equilibrium import newton_equilibrium
+from mbd.limits.force_range import force_ranges
+from mbd.limits.pushes import interlocking_margin
+from mbd.limits.sliding_collapse import sliding_collapse
 from mbd.programs import Work
-from mbd.pushes import interlocking_margin
-from mbd.sliding_collapse import sliding_collapse
-from mbd.squeeze import squeeze
 from tests.support.blocks import tsb
 from tests.verification import printed_numbers
 from tests.verification.closed_forms import body_force

@@ -1,4 +1,4 @@
-"""The paper's linear programs in HiGHS: an independent check of `mbd.mechanism.classify`."""
+"""The paper's linear programs in HiGHS: a check of `mbd.frictionless.mechanism.classify`."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ import scipy.sparse as sp
 from scipy.optimize import linprog
 
 from geometry.mesh import FloatArray
-from mbd.contact_jacobian import ContactJacobian
-from mbd.equilibrium import EQUILIBRIUM_TOLERANCE, load_size
-from mbd.mechanism import RANK_TOLERANCE, MechanismClass, smallest_singular_pair
+from mbd.contacts.jacobian import ContactJacobian
+from mbd.frictionless.equilibrium import EQUILIBRIUM_TOLERANCE, load_size
+from mbd.frictionless.mechanism import RANK_TOLERANCE, MechanismClass, smallest_singular_pair
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""Any matrix as a contact Jacobian: the plain reference of `mbd.contact_jacobian`."""
+"""Any matrix as a contact Jacobian: the plain reference of `mbd.contacts.jacobian`."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 import scipy
 
 from geometry.mesh import FloatArray
-from mbd.contact_jacobian import NormalMap
+from mbd.contacts.jacobian import NormalMap
 
 
 @dataclass(frozen=True)

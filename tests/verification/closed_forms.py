@@ -22,7 +22,7 @@ from geometry import (
 from geometry.families.masonry import box
 from geometry.polyhedra.assembly import polyhedral_assembly
 from mbd import contact_jacobian
-from mbd.friction import (
+from mbd.friction.equilibrium import (
     FrictionalEquilibrium,
     collapse_load,
     frictional_contacts,

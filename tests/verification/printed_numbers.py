@@ -16,9 +16,9 @@ import numpy as np
 from geometry import CircularArch, PolyhedralAssembly
 from geometry.families.masonry import wall_of_rows
 from mbd import contact_jacobian
-from mbd.force_range import PlaneProblem, plane_problem
-from mbd.friction import collapse_load, frictional_contacts, frictional_equilibrium
-from mbd.sliding_collapse import SlidingCollapse, sliding_collapse
+from mbd.friction.equilibrium import collapse_load, frictional_contacts, frictional_equilibrium
+from mbd.limits.force_range import PlaneProblem, plane_problem
+from mbd.limits.sliding_collapse import SlidingCollapse, sliding_collapse
 from tests.verification.closed_forms import bisect, body_force, incline
 
 #: Friction of the walls.

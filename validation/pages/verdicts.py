@@ -17,7 +17,7 @@ from geometry.answer import (
 )
 from geometry.parts.balance import reaction_rows
 from mbd import MechanismClass
-from mbd.rows import OF_RIGID_BLOCKS
+from mbd.results.rows import OF_RIGID_BLOCKS
 
 #: Whether an answer is good news, bad news, neither, or good on a condition, as pages colour it.
 GOOD, BAD, OPEN, CAUTION = "true", "false", "open", "caution"

@@ -15,9 +15,9 @@ from geometry.loads import LoadCase, named_load
 from geometry.mesh import FloatArray
 from geometry.parts.placed import AssemblyError
 from mbd import Norm, analyse, contact_jacobian
-from mbd.contact_jacobian import ContactJacobian, Contacts, SeparateWrenches
-from mbd.equilibrium import column_weights, newton_equilibrium
-from mbd.mechanism import Classification, SelfStress
+from mbd.contacts.jacobian import ContactJacobian, Contacts, SeparateWrenches
+from mbd.frictionless.equilibrium import column_weights, newton_equilibrium
+from mbd.frictionless.mechanism import Classification, SelfStress
 from validation.stability.case import Number, Verdict, case, judged, rejected
 from validation.stability.problems import pressed, relative, stack, tube
 

@@ -18,7 +18,7 @@ from validation.output.pictures.scales import BLUE, GREY, ORANGE, SKY, VERMILION
 
 if TYPE_CHECKING:
     from mbd.building.stages import Stage, StageResults
-    from mbd.motion import Motion
+    from mbd.results.motion import Motion
 
 #: Stages that are drawn at most, and in one row where there are no more.
 _MOST, _ROW = 8, 3

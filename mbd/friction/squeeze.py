@@ -2,9 +2,10 @@
 
 Equilibrium with admissible forces exists for a block between two walls whenever they may press it
 as hard as they like. Nothing but a squeeze that was there before presses them. Joints that are a
-little elastic, and free of stress before the load grows, tell the two apart (`mbd.loading`). Blocks
-that come to rest are carried. Blocks that do not may still be carried where joints are pressed
-beforehand: a hint, for other joints or another history may bring them to rest.
+little elastic, and free of stress before the load grows, tell the two apart
+(`mbd.friction.loading`). Blocks that come to rest are carried. Blocks that do not may still
+be carried where joints are pressed beforehand: a hint, for other joints or another history may
+bring them to rest.
 
 Reference: Kao, Iannuzzo, Thomaszewski, Coros, Van Mele, Block, "Coupled rigid-block analysis",
 Computer-Aided Design 146 (2022), for the question.
@@ -20,13 +21,13 @@ import numpy as np
 
 from geometry.mesh import BoolArray, FloatArray
 from geometry.parts.measures import first_largest
-from mbd.contact_jacobian import Contacts
-from mbd.equilibrium import EQUILIBRIUM_TOLERANCE
-from mbd.force_range import DETERMINED
-from mbd.friction import FrictionalContacts, least_forces
-from mbd.loading import MOST_SECONDS, load_by_increments
+from mbd.contacts.jacobian import Contacts
+from mbd.friction.equilibrium import FrictionalContacts, least_forces
+from mbd.friction.loading import MOST_SECONDS, load_by_increments
+from mbd.frictionless.equilibrium import EQUILIBRIUM_TOLERANCE
+from mbd.limits.force_range import DETERMINED
 from mbd.programs import Work
-from mbd.verdict import carried_words
+from mbd.results.verdict import carried_words
 
 #: Joints that are asked for their least force, those first that miss most of it.
 _MOST_JOINTS = 6
@@ -81,8 +82,8 @@ def squeeze(
     forces
         Admissible forces that carry it, (n_contacts, 3) [N].
     weights
-        Column scaling of `mbd.equilibrium.column_weights`, (n_contacts,): stiffnesses are its
-        square.
+        Column scaling of `mbd.frictionless.equilibrium.column_weights`, (n_contacts,): stiffnesses
+        are its square.
     limit
         Reference seconds (`geometry.machine.work`) that may be spent; the least force of joints
         needs some more.

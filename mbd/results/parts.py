@@ -17,10 +17,8 @@ from geometry.mesh import FloatArray
 from geometry.parts.pairs import OfPairs, pair_values
 from geometry.parts.placed import AnyBlocks
 from geometry.parts.rows import Part, Row
-from mbd.contact_jacobian import Contacts, contact_jacobian
-from mbd.equilibrium import Equilibrium, column_weights, equilibrium
-from mbd.force_range import ForceRanges, PlaneProblem, force_ranges, plane_problem
-from mbd.friction import (
+from mbd.contacts.jacobian import Contacts, contact_jacobian
+from mbd.friction.equilibrium import (
     CollapseLoad,
     FrictionalContacts,
     FrictionalEquilibrium,
@@ -30,13 +28,15 @@ from mbd.friction import (
     frictional_contacts,
     frictional_equilibrium,
 )
-from mbd.loading import settled
-from mbd.mechanism import Classification
-from mbd.motion import motion_of_blocks, placed_motion
+from mbd.friction.loading import settled
+from mbd.friction.squeeze import Squeeze, squeeze
+from mbd.frictionless.equilibrium import Equilibrium, column_weights, equilibrium
+from mbd.frictionless.mechanism import Classification
+from mbd.limits.force_range import ForceRanges, PlaneProblem, force_ranges, plane_problem
+from mbd.limits.pushes import interlocking_margin
+from mbd.limits.sliding_collapse import SlidingCollapse, sliding_collapse, sliding_state
 from mbd.options import Rigid
-from mbd.pushes import interlocking_margin
-from mbd.sliding_collapse import SlidingCollapse, sliding_collapse, sliding_state
-from mbd.squeeze import Squeeze, squeeze
+from mbd.results.motion import motion_of_blocks, placed_motion
 
 #: Dead and live load of each block, (n_blocks, 6) each [N, N mm].
 Wrenches = tuple[FloatArray, FloatArray]

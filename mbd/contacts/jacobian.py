@@ -33,7 +33,7 @@ from geometry.mesh import (
 )
 from geometry.parts.placed import AnyBlocks
 from geometry.parts.supports import HeldFace
-from mbd.supports import admissible, free_motions
+from mbd.contacts.supports import admissible, free_motions
 
 Value = TypeVar("Value")
 

@@ -26,11 +26,11 @@ from geometry.errors import RefusedError
 from geometry.mesh import FloatArray, IntArray
 from geometry.parts.placed import AnyBlocks
 from geometry.parts.rows import Row, finite
-from mbd.contact_jacobian import Contacts
-from mbd.equilibrium import EQUILIBRIUM_TOLERANCE
+from mbd.contacts.jacobian import Contacts
+from mbd.contacts.supports import admissible
+from mbd.frictionless.equilibrium import EQUILIBRIUM_TOLERANCE
 from mbd.options import FrictionLaw
 from mbd.programs import Work, least_conic
-from mbd.supports import admissible
 
 #: A mechanism certifies only if no admissible unit force does more negative work than this
 #: fraction of the load's work.
@@ -320,8 +320,9 @@ def frictional_equilibrium(
 ) -> FrictionalEquilibrium:
     """Smallest admissible forces that balance a load (n_rows,) [N], or a certified mechanism.
 
-    Smallest by the column scaling of `mbd.equilibrium.column_weights`, (n_contacts,), ones by
-    default. Undecided (neither holds nor a mechanism) at the edge of what can be carried.
+    Smallest by the column scaling of `mbd.frictionless.equilibrium.column_weights`,
+    (n_contacts,), ones by default. Undecided (neither holds nor a
+    mechanism) at the edge of what can be carried.
     """
     size = float(np.linalg.norm(load))
     if size == 0.0:

@@ -1,8 +1,9 @@
 """Collapse by sliding that does not dilate: non-associated friction, with a certificate.
 
-Limit analysis (`mbd.friction.collapse_load`) lets a sliding joint open by n·δ = μ ‖δ_t‖: an
-associated flow that dry joints do not show, and an upper bound for what they carry. Here a joint
-that presses does not open. Wanted is the least factor α at which forces and a motion exist with
+Limit analysis (`mbd.friction.equilibrium.collapse_load`) lets a sliding joint open by
+n·δ = μ ‖δ_t‖: an associated flow that dry joints do not show, and an upper bound for
+what they carry. Here a joint that presses does not open. Wanted is the least factor α at which
+forces and a motion exist with
 
 - equilibrium, G λ + f_dead + α f_live = 0, and admissible forces, ‖λ_t‖ <= μ λ_n, λ_n >= 0;
 - no overlap, δ_n >= 0, and no opening under pressure, λ_n δ_n = 0;
@@ -41,9 +42,8 @@ import scipy.sparse as sp
 from geometry.mesh import FloatArray, IntArray
 from geometry.parts.placed import AnyBlocks
 from geometry.parts.rows import Row, finite
-from mbd.contact_jacobian import Contacts
-from mbd.equilibrium import EQUILIBRIUM_TOLERANCE
-from mbd.friction import (
+from mbd.contacts.jacobian import Contacts
+from mbd.friction.equilibrium import (
     TANGENTS,
     CollapseLoad,
     FrictionalContacts,
@@ -51,11 +51,12 @@ from mbd.friction import (
     collapse_load,
     frictional_equilibrium,
 )
+from mbd.frictionless.equilibrium import EQUILIBRIUM_TOLERANCE
 from mbd.options import FrictionLaw
 from mbd.programs import Work, least_conic, least_linear
 
 if TYPE_CHECKING:
-    from mbd.force_range import PlaneProblem
+    from mbd.limits.force_range import PlaneProblem
 
 #: Largest violation of any law in a certified state; see `SlidingCheck` for what it is relative to.
 SLIDING_TOLERANCE = EQUILIBRIUM_TOLERANCE

@@ -31,9 +31,9 @@ import scipy.sparse as sp
 from geometry.mesh import BoolArray, FloatArray, IntArray
 from geometry.parts.placed import AnyBlocks
 from geometry.parts.rows import Row, finite
-from mbd.contact_jacobian import Contacts
-from mbd.equilibrium import newton_equilibrium
-from mbd.friction import FrictionalContacts, FrictionError
+from mbd.contacts.jacobian import Contacts
+from mbd.friction.equilibrium import FrictionalContacts, FrictionError
+from mbd.frictionless.equilibrium import newton_equilibrium
 from mbd.programs import LinearPrograms, Work
 
 #: Out-of-plane parts below this fraction are round-off of vertices and normals.
@@ -219,7 +219,7 @@ def force_ranges(
     Parameters
     ----------
     contacts
-        Of `mbd.contact_jacobian`.
+        Of `mbd.contacts.jacobian`.
     load
         f, (n_rows,) [N].
     shown

@@ -24,7 +24,7 @@ import scipy.linalg
 import scipy.sparse as sp
 
 from geometry.mesh import BoolArray, FloatArray, ReadOnlyArrays
-from mbd.contact_jacobian import ContactJacobian
+from mbd.contacts.jacobian import ContactJacobian
 from mbd.options import Norm, Solver
 
 #: Relative residual above which nothing is called equilibrium (the paper's tolerance).

@@ -11,7 +11,7 @@ from math import isnan
 from typing import Any, NamedTuple
 
 from geometry.parts.rows import Row, finite, grouped
-from mbd.mechanism import Classification, MechanismClass
+from mbd.frictionless.mechanism import Classification, MechanismClass
 
 #: What a load takes that does not press the joints itself.
 _SQUEEZED = {

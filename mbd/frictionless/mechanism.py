@@ -22,8 +22,8 @@ import numpy as np
 import scipy.linalg
 
 from geometry.mesh import FloatArray, ReadOnlyArrays
-from mbd.contact_jacobian import ContactJacobian
-from mbd.equilibrium import (
+from mbd.contacts.jacobian import ContactJacobian
+from mbd.frictionless.equilibrium import (
     EQUILIBRIUM_TOLERANCE,
     Equilibrium,
     clarabel_equilibrium,

@@ -26,8 +26,8 @@ import numpy as np
 import scipy.sparse as sp
 
 from geometry.mesh import FloatArray
-from mbd.equilibrium import EQUILIBRIUM_TOLERANCE
-from mbd.friction import FrictionalContacts, FrictionalEquilibrium
+from mbd.friction.equilibrium import FrictionalContacts, FrictionalEquilibrium
+from mbd.frictionless.equilibrium import EQUILIBRIUM_TOLERANCE
 from mbd.options import FrictionLaw
 from mbd.programs import Work
 
@@ -92,7 +92,7 @@ def load_by_increments(
 ) -> Loaded:
     """Let a load (n_rows,) [N] grow on joints whose stiffnesses are the squares of weights.
 
-    Weights are those of `mbd.equilibrium.column_weights`, (n_contacts,); None: ones.
+    Weights are those of `mbd.frictionless.equilibrium.column_weights`, (n_contacts,); None: ones.
     """
     stiffness = np.ones(contacts.n_contacts) if weights is None else weights**2
     joints = _Joints(contacts, stiffness)

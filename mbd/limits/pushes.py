@@ -35,24 +35,24 @@ from geometry.parts.placed import AnyBlocks
 from geometry.parts.regions import region_points
 from geometry.parts.rows import Row, finite, number
 from geometry.parts.supports import HeldFace
-from mbd.contact_jacobian import Contacts, contact_jacobian
-from mbd.equilibrium import (
+from mbd.contacts.jacobian import Contacts, contact_jacobian
+from mbd.contacts.supports import Guide, RigidSupportError
+from mbd.friction.equilibrium import (
+    CollapseLoad,
+    FrictionalContacts,
+    collapse_load,
+    frictional_contacts,
+)
+from mbd.frictionless.equilibrium import (
     EQUILIBRIUM_TOLERANCE,
     Equilibrium,
     carried_beside,
     column_weights,
     newton_equilibrium,
 )
-from mbd.friction import (
-    CollapseLoad,
-    FrictionalContacts,
-    collapse_load,
-    frictional_contacts,
-)
+from mbd.limits.sliding_collapse import SlidingCollapse, sliding_collapse
 from mbd.options import FrictionLaw, Norm
 from mbd.programs import Work
-from mbd.sliding_collapse import SlidingCollapse, sliding_collapse
-from mbd.supports import Guide, RigidSupportError
 
 _AXES = ("Fx", "Fy", "Fz", "Mx", "My", "Mz")
 

@@ -1,0 +1,1 @@
+"""Equilibrium with Coulomb friction, and whether the load itself brings it about."""

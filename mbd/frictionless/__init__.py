@@ -1,0 +1,1 @@
+"""Equilibrium of rigid blocks without friction, and the class of their mechanism."""

@@ -1,0 +1,1 @@
+"""Limits of rigid blocks: pushes, load factors at collapse, ranges of contact forces."""

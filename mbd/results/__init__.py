@@ -1,0 +1,1 @@
+"""What a rigid answer says: its verdict, motion, parts and rows."""
