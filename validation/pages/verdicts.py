@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 from fem.accuracy.parts import Accuracy
@@ -13,9 +13,8 @@ from geometry.answer import (
     Measure,
     least_factor,
     measure_rows,
-    title_of,
 )
-from geometry.parts.balance import reaction_rows
+from geometry.parts.rows import Row
 from mbd import MechanismClass
 from mbd.results.rows import OF_RIGID_BLOCKS
 
@@ -84,19 +83,8 @@ def _locked(rigid: Answer) -> Verdict:
 
 def _carried(rigid: Answer) -> Verdict:
     """Say whether rigid blocks carry the load, and up to which limit."""
-    result = rigid.details
-    lines = [f"Load: {rigid.case.load_words}."]
-    if result.friction is None:
-        words = f"{result.equilibrium.status}{result.edges}"
-        lines.append(f"Rigid blocks without friction: {words}.")
-    else:
-        lines.append(f"Rigid blocks: {result.words}.")
-    if result.holds and rigid.case.solids is not None:
-        reactions = reaction_rows(rigid.report.get("reactions", {}))
-        lines += [f"Reaction of {row.words}." for row in reactions]
-    for name in ("motion", "collapse", "sliding"):
-        rows = rigid.parts[name].rows if name in rigid.parts else []
-        lines += [f"{row.title.capitalize()}: {row.words}." for row in rows]
+    result, lines = rigid.details, [f"load: {rigid.case.load_words}"]
+    lines += _lines(rigid.rows["verdict"])
     words, tone = ("yes", GOOD) if result.holds else ("no", BAD)
     verdict = result.verdict
     if verdict.holds is None:
@@ -106,16 +94,20 @@ def _carried(rigid: Answer) -> Verdict:
     return Verdict("Does it carry the load?", words, tone, tuple(lines))
 
 
-def _rows(answer: Answer, names: tuple[str, ...]) -> list[str]:
+def _lines(rows: Iterable[Row]) -> list[str]:
+    """Rows of an answer, a line each."""
+    return [f"{row.title}: {row.words}" for row in rows]
+
+
+def _measures(answer: Answer, names: tuple[str, ...]) -> list[str]:
     """Some measures in words, a line each."""
-    found = {name: answer.measures[name] for name in names if name in answer.measures}
-    return [f"{row.title}: {row.words}" for row in measure_rows(found)]
+    return _lines(measure_rows({n: answer.measures[n] for n in names if n in answer.measures}))
 
 
 def _how_much(rigid: Answer | None, fem: Answer | None) -> Verdict:
     """State the largest pressure, tension and displacement, and where they are."""
-    lines = [] if fem is None else _rows(fem, _SHOWN)
-    of_rigid = [] if rigid is None else _rows(rigid, _SHOWN_RIGID)
+    lines = [] if fem is None else _measures(fem, _SHOWN)
+    of_rigid = [] if rigid is None else _measures(rigid, _SHOWN_RIGID)
     lines += [f"Rigid blocks, {line}" for line in of_rigid]
     nothing_acts = rigid is not None and rigid.details.holds
     why_none = "nothing acts" if nothing_acts else "the load is not carried"
@@ -133,12 +125,8 @@ def _how_sure(fem: Answer | None) -> Verdict:
         return Verdict("How sure is it?", "rigid blocks have no error bars", OPEN, plain)
     measures, accuracy, lines = fem.measures, fem.parts.get("accuracy"), list[str]()
     if isinstance(accuracy, Accuracy):
-        lines = _reached(accuracy)
-        lines.append(f"The refinement ended by: {accuracy.ended_by}.")
-    unusable = [name for name in measures if not measures[name].is_number]
-    unusable = [row.title for row in measure_rows({n: measures[n] for n in unusable})]
-    if unusable:
-        lines.append(f"Not resolved: {', '.join(unusable)}.")
+        lines = _lines(accuracy.rows)
+    lines += _lines(measure_rows({n: m for n, m in measures.items() if not m.is_number}))
     if fem.details.large_motion is not None:
         lines.append("Motions are large, but counted as small: see the table.")
     if not any(measure.error is not None for measure in measures.values()):
@@ -157,20 +145,14 @@ def _how_sure(fem: Answer | None) -> Verdict:
     return Verdict("How sure is it?", words, tone, tuple(lines))
 
 
-def _reached(accuracy: Accuracy) -> list[str]:
-    """Repeat each request with its error bar, by the title of its measure."""
-    rows = (row.partition("=") for row in accuracy.request_rows())
-    return [f"{title_of(name).words}, requested ± {rest}" for name, _, rest in rows]
-
-
 def strength_verdict(
     materials: Sequence[Material], measures: Mapping[str, Measure], *, computed: bool
 ) -> Verdict:
     """State the load factors at cracking and crushing, or the keys that they need."""
     lines, factors = [], [name for name in FACTORS if name in measures]
     rigid = "" if computed else f" ({OF_RIGID_BLOCKS})"
-    for row in measure_rows({name: measures[name] for name in factors}):
-        lines.append(f"{row.title}: {row.words}{rigid}")
+    for line in _lines(measure_rows({name: measures[name] for name in factors})):
+        lines.append(f"{line}{rigid}")
     sure = all(measures[name].is_number for name in factors)
     least = min((least_factor(measures[name]) for name in factors), default=0.0)
     known = [measures[name].value for name in factors if measures[name].is_number]
@@ -195,7 +177,7 @@ def strength_verdict(
 
 def castable(answer: Answer) -> Verdict:
     """Say whether walls and joints keep the limits of the scene, with what is built."""
-    lines = [f"{row.title}: {row.words}" for row in answer.parts["dimensions"].rows]
+    lines = _lines(answer.parts["dimensions"].rows)
     limits = answer.case.limits
     exceeded = [line for line in lines if "TOO " in line]
     if limits.least_wall is None and limits.steepest_joint is None:
