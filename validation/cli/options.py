@@ -196,13 +196,13 @@ def method_options(section: str, *names: str, of_scene: bool = True) -> Callable
             asked = {name: value for name, value in asked.items() if value not in (None, [])}
             if "accuracy" in asked:
                 asked["accuracy"] = parse_targets(asked["accuracy"])
-            if of_scene:
+            if not of_scene:
+                options["asked"] = asked
+            elif asked:
                 from validation.scene.keys.toml_text import flat, toml_value
 
                 words = [f"{section}.{key}={toml_value(value)}" for key, value in flat(asked)]
                 options["settings"] = [*(options.get("settings") or ()), *words]
-            else:
-                options["asked"] = asked
             function(*arguments, **options)
 
         stated = inspect.signature(function, eval_str=True)

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -24,7 +24,10 @@ if TYPE_CHECKING:
     from geometry.answer import Answer
     from geometry.parts.rows import Part
     from validation.case import Case
+    from validation.output.outputs import Outputs
 
+#: File of the stages of a construction.
+STAGES = "stages.jsonl"
 
 UnlockOption = Annotated[
     bool,
@@ -77,10 +80,6 @@ def mbd(
     from validation.case import load_case
     from validation.output.command_files import FILES, write
     from validation.output.progress import following
-    from validation.solving import solve
-    from validation.study.construction import solve_in_stages
-    from validation.study.mesh_and_frames import check_asked
-    from validation.study.rowfile import store_or_none
 
     case = load_case(scene, settings or (), method="rigid")
     if stages and "stages" not in case.keys:
@@ -89,19 +88,34 @@ def mbd(
     if combinations:
         solve_combinations(case, json, output, {"--fields": fields, **asked})
         return
-    check_asked(case, asked)
-    kept = ("stages.jsonl",) if "stages" in case.keys else ()
+    if any(asked.values()):
+        from validation.study.mesh_and_frames import check_asked
+
+        check_asked(case, asked)
+    kept = (STAGES,) if "stages" in case.keys else ()
     with scene_outputs(case, json, output, (*FILES, *kept), fields=fields) as outputs:
-        rows = outputs.path(kept[0]) if kept and outputs.folder is not None else None
-        with following(case.name) as show, store_or_none(rows) as store:
-            answer = solve_in_stages(case, store, show) if kept else solve(case, show)
+        with following(case.name) as show:
+            answer = _solved(case, outputs, show)
         write(answer.beside(_studied(case, answer, asked)), outputs)
+
+
+def _solved(case: Case, outputs: Outputs, show: Callable[[Any], None]) -> Answer:
+    """Answer, with stages that a file of rows in the folder keeps."""
+    from validation.solving import solve
+
+    if STAGES not in outputs.names:
+        return solve(case, show)
+    from validation.study.construction import solve_in_stages
+    from validation.study.rowfile import store_or_none
+
+    rows = None if outputs.folder is None else outputs.path(STAGES)
+    with store_or_none(rows) as store:
+        return solve_in_stages(case, store, show)
 
 
 def _studied(case: Case, answer: Answer, asked: Mapping[str, bool]) -> dict[str, Part]:
     """Answers to other numbers of layers and to shorter facets, and the motion outwards."""
     from validation.output.progress import following
-    from validation.study.mesh_and_frames import layers_to_unlock, refined
 
     parts: dict[str, Part] = {}
     if asked["--disassemble"]:
@@ -110,9 +124,13 @@ def _studied(case: Case, answer: Answer, asked: Mapping[str, bool]) -> dict[str,
         with following(f"{case.name}: motion outwards"):
             parts["disassembly"] = run_explosion(case)
     if asked["--layers-to-unlock"]:
+        from validation.study.mesh_and_frames import layers_to_unlock
+
         with following(f"{case.name}: layers to unlock"):
             parts["layers_to_unlock"] = layers_to_unlock(case)
     if asked["--refine"]:
+        from validation.study.mesh_and_frames import refined
+
         with following(f"{case.name}: half the facet size"):
             parts["refinement"] = refined(case, answer)
     return parts

@@ -15,8 +15,7 @@ from geometry.files.mesh_io import write_cells
 from geometry.machine.system import write_whole
 from geometry.parts.measures import SectionForces
 from validation.output import answer_files
-from validation.output.deformable.fields import FRAMES
-from validation.output.files import write_csv
+from validation.output.files import FRAMES, write_csv
 from validation.output.forces import JOINT_FILES, SECTION_FILES, write_joints, write_sections
 from validation.output.outputs import Outputs
 from validation.solving import solve

@@ -19,6 +19,8 @@ from validation.errors import InputError
 if TYPE_CHECKING:
     pass
 
+#: Names of all frames for ParaView.
+FRAMES = "frame_[0-9]*.vtu"
 #: Endings of pages, which have pictures inside.
 PAGES = (".html", ".htm")
 

@@ -24,6 +24,7 @@ from fem.system.system import System
 from geometry.files.mesh_io import write_hex_mesh, write_lagrange_cells
 from geometry.machine.system import write_whole
 from geometry.mesh import FloatArray, HexMesh
+from validation.output.files import FRAMES
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -156,10 +157,6 @@ def element_owners(deformable: System) -> dict[str, NDArray[np.int32]]:
         "layer": deformable.assembly.layer[blocks].astype(np.int32),
         "group": np.concatenate(group_of),
     }
-
-
-#: Names of all frames.
-FRAMES = "frame_[0-9]*.vtu"
 
 
 class FrameWriter:
