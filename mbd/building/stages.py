@@ -19,7 +19,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 import scipy.sparse as sp
@@ -50,6 +50,7 @@ from mbd.results.parts import Question
 
 if TYPE_CHECKING:
     from geometry.answer import Answer
+    from mbd.results.motion import Motion
 
 #: Props below this part of the weight that is placed are none.
 NO_PROP = 1e-6
@@ -200,6 +201,11 @@ class Stage:
         return self.answer.contacts
 
     @property
+    def moves(self) -> Motion | None:
+        """Blocks that move most without props; None where none does."""
+        return cast("Motion | None", self.answer.parts.get("motion"))
+
+    @property
     def propping(self) -> float:
         """Sum of the vertical parts of the props [N]."""
         return float(self.props[:, 2].sum())
@@ -221,6 +227,8 @@ class Stage:
                 for k in self.propped
             )
             words += f": {number(self.propping)} N in all, {first_of(shares, 3)}"
+        if self.stands is Stands.FALLS and (motion := self.moves) is not None:
+            words += f"; {motion.first}"
         if not np.isnan(self.largest_force):
             words += f"; thrust {number(self.thrust)} N, largest joint force "
             words += f"{number(self.largest_force)} N"
@@ -328,7 +336,9 @@ class StageResults(Sequence[Stage]):
             else:
                 words += "; it does not stand without them when it is complete"
         pressed = [s.number for s in self.stages if s.stands is Stands.PRESSED]
-        if pressed:
+        if len(pressed) == 1:
+            words += f"; stage {pressed[0]} stands only if pressed (unproved)"
+        elif pressed:
             words += f"; {len(pressed)} stages stand only if pressed (unproved), first {pressed[0]}"
         return words
 

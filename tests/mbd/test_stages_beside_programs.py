@@ -98,9 +98,9 @@ def judged(built: Built, friction: float, along: Along) -> StageResults:
 
 
 def propped(
-    built: Built, friction: float, along: Along, *, sides: int = 16, exact: bool = False
+    built: Built, friction: float, along: Along, *, exact: bool = False, every: int = 1
 ) -> list[int]:
-    """Compare each stage with two programs; returns those that need props.
+    """Compare each stage, or every so many, with two programs; returns those that need props.
 
     ``exact``: pyramids on the cone have its forces.
     """
@@ -109,8 +109,12 @@ def propped(
         there += new
         weight = WEIGHT * sum(own.volumes[own.names.index(name)] for name in there)
         assert -stage.weight[2] == pytest.approx(weight, rel=1e-9)
+        if stage.stands is Stands.PROPS:
+            result.append(stage.number)
+        elif stage.number % every:
+            continue
         least, most = (
-            WEIGHT * own.least_propping(there, friction, along=along, sides=sides, outer=outer)
+            WEIGHT * own.least_propping(there, friction, along=along, outer=outer)
             for outer in (True, False)
         )
         if stage.stands is Stands.FALLS:
@@ -121,8 +125,6 @@ def propped(
         needs = stage.stands is Stands.PROPS
         assert needs >= (least > NONE * weight)
         assert needs <= (most > NONE * weight)
-        if needs:
-            result.append(stage.number)
     return result
 
 
@@ -168,4 +170,4 @@ def test_a_barrel_of_82_blocks_needs_centering_as_programs_say() -> None:
 def test_a_dome_of_305_blocks_rises_ring_by_ring_as_programs_say() -> None:
     built = dome(16, 19, split=12)
     assert len(built.blocks) - len(built.fixed) == 305
-    assert propped(built, 0.6, Along.NORMAL, sides=8) == [13]
+    assert propped(built, 0.6, Along.NORMAL, every=6) == [13]

@@ -18,7 +18,6 @@ from validation.output.pictures.scales import BLUE, GREY, ORANGE, SKY, VERMILION
 
 if TYPE_CHECKING:
     from mbd.building.stages import Stage, StageResults
-    from mbd.results.motion import Motion
 
 #: Stages that are drawn at most, and in one row where there are no more.
 _MOST, _ROW = 8, 3
@@ -43,8 +42,7 @@ def _chosen(results: StageResults) -> list[Stage]:
 def _view(stage: Stage, blocks: AnyBlocks, largest: float, whole: Lines) -> View:
     """What is placed, over pale edges of the whole, and arrows of the props from below."""
     new, moving = set(stage.new), set[int]()
-    if stage.stands is Stands.FALLS and "motion" in stage.answer.parts:
-        motion = cast("Motion", stage.answer.parts["motion"])
+    if stage.stands is Stands.FALLS and (motion := stage.moves) is not None:
         moving = {one.block for one in motion.blocks}
     there = np.flatnonzero(stage.there).tolist()
     fixed = blocks.fixed
@@ -87,6 +85,9 @@ def draw_stages(answer: Answer, path: Path) -> None:
             Panel(f"stage {stage.number}: {words}{props}", _view(stage, blocks, largest, whole))
         )
     across = len(panels) if len(panels) <= _ROW else -(-len(panels) // 2)
+    if len(panels) % across:  # a column of one would be as high as both rows
+        shape = panels[-1].aspect
+        panels.append(Panel("", plot=lambda axes: axes.set_axis_off(), shape=shape, bare=True))
     columns = [panels[k::across] for k in range(across)]
     colours = {"placed in this stage": ORANGE, "placed before": BLUE, "fixed": GREY}
     if any(stage.stands is Stands.FALLS for stage in chosen):
