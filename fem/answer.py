@@ -77,8 +77,8 @@ def answer_of(
             {
                 "points": lambda: state.positions,
                 "cells": lambda: state.hexahedra,
-                "block_of_point": lambda: state.block_of_node,
-                "layer_of_point": lambda: layer[state.block_of_node],
+                "block_of_point": lambda: state.deformable.block_of_node,
+                "layer_of_point": lambda: layer[state.deformable.block_of_node],
             }
         ),
         contacts=contacts_of(state, facets),

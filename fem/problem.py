@@ -648,12 +648,12 @@ class Problem:
             block_groups,
             check_held,
             curved,
+            force_rows,
             ground_loads,
             held_faces,
-            nodal_loads,
-            supports_at,
+            held_rows,
         )
-        from fem.system.system import Contact, System
+        from fem.system.system import Contact, System, first_nodes
 
         assembly, load, sliding = self.blocks, self.load_case, self.searches
         if self.degree > 1:
@@ -672,6 +672,7 @@ class Problem:
             assembly, deforms, offsets, self.materials, self.element, held=load.held
         )
         faces = load.held if self.frames is Frames.RIGID else held_faces(assembly, load)
+        first = first_nodes(bodies, group_of, copy_of)
         return System(
             assembly=assembly,
             bodies=bodies,
@@ -680,8 +681,8 @@ class Problem:
             offsets=offsets,
             surfaces=surfaces,
             contact=Contact(self.contact_law, self.normals, self.coulomb, sliding),
-            supports=supports_at(assembly, faces, group_of, copy_of),
-            forces=nodal_loads(assembly, load, group_of, copy_of),
+            supports=held_rows(assembly, faces, first),
+            forces=force_rows(assembly, load, first),
             gravity=self.acceleration,
             on_ground=ground_loads(assembly, load, group_of),
         )

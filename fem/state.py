@@ -175,7 +175,7 @@ class State(ReadOnlyArrays):
 
     @cached_property
     def nodal_displacements(self) -> FloatArray:
-        """Of all nodes, block after block (`block_of_node`), (n_nodes, 3) [mm]."""
+        """Of all nodes, body after body (`System.block_of_node`), (n_nodes, 3) [mm]."""
         return np.concatenate([u.reshape(-1, 3) for u in self.displacements])
 
     def displacement_of(self, block: int) -> FloatArray:
@@ -194,17 +194,6 @@ class State(ReadOnlyArrays):
         """Of all nodes before the load acts, (n_nodes, 3) [mm]."""
         groups = self.deformable.bodies
         return np.concatenate([g.reference_positions().reshape(-1, 3) for g in groups])
-
-    @cached_property
-    def block_of_node(self) -> IntArray:
-        """Number of the block of each node, (n_nodes,)."""
-        whole = self.deformable
-        parts = []
-        for number, group in enumerate(whole.bodies):
-            mine = whole.deformable_blocks[whole.group_of[whole.deformable_blocks] == number]
-            mine = mine[np.argsort(whole.copy_of[mine])]
-            parts.append(np.repeat(mine, group.n_nodes))
-        return np.concatenate(parts)
 
     @cached_property
     def hexahedra(self) -> IntArray:
@@ -351,7 +340,7 @@ class State(ReadOnlyArrays):
     def reactions(self) -> dict[str, dict[str, Any]]:
         """Resultants of supports and rigid blocks by name: `geometry.parts.balance.Reactions`."""
         whole = self.deformable
-        result = reactions(whole.bodies, whole.supports, self.support_forces, self.displacements)
+        result = reactions(whole, self.support_forces, self.displacements)
         if whole.meets:
             rigid, loads = np.flatnonzero(whole.group_of < 0), whole.on_ground
             others = None if loads is None else self.load_factor * loads
@@ -417,7 +406,7 @@ class State(ReadOnlyArrays):
         steps = {s.time: s.support_forces for s in path if s.time is not None}
         if not steps or self.evidence.curves:
             return self.evidence.curves
-        return push_curves(self.deformable.supports, tuple(steps.items()))
+        return push_curves(self.deformable, tuple(steps.items()))
 
     @property
     def reached(self) -> bool:

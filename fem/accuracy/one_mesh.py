@@ -79,7 +79,7 @@ def static_state(
 
 
 def _scaled_loads(deformable: System, factor: float) -> System:
-    forces = tuple(replace(load, forces=factor * load.forces) for load in deformable.forces)
+    forces = tuple(replace(load, force=factor * load.force) for load in deformable.forces)
     gravity, ground = (
         None if of is None else factor * of for of in (deformable.gravity, deformable.on_ground)
     )

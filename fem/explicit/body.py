@@ -27,8 +27,7 @@ from fem.explicit.kernels.layout import (
 from fem.explicit.timed import TimedSystem
 from fem.system.body import Body
 from fem.system.effects import BulkViscosity
-from fem.system.held import held_rows
-from fem.system.model import Amplitude, NodalLoad
+from fem.system.forces import Amplitude, ForceRows
 from fem.system.time_step import characteristic_length
 from geometry.mesh import FloatArray, IntArray
 
@@ -220,12 +219,16 @@ def make_body(
 
     ``touched_nodes`` are further nodes on which forces will be applied (contact).
     """
-    group, effects, places = stated.bodies[number], stated.effects, stated.places(number)
+    group, effects = stated.bodies[number], stated.effects
     lanes = padded_lanes(group.n_copies)
     rows = block_rows(group.stiffness, lanes=lanes)
-    loads = [_of_places(load, places) for load in stated.system.forces if load.group == number]
+    numbers = stated.numbers(number)
+    forces = [_on(load, numbers) for load in stated.system.forces]
+    loads = [load for load in forces if len(load.row)]
     touched = np.unique(
-        np.concatenate([np.empty(0, np.int64), *touched_nodes, *(load.nodes for load in loads)])
+        np.concatenate(
+            [np.empty(0, np.int64), *touched_nodes, *(load.row % group.n_nodes for load in loads)]
+        )
     ).astype(np.int64)
     applied = _applied_rows(rows, touched)
     centroid = group.lumped_mass @ group.mesh.nodes / group.lumped_mass.sum()
@@ -264,19 +267,19 @@ def _body_load(
     rows: BlockRows,
     applied: npt.NDArray[np.int32],
     lanes: int,
-    load: NodalLoad,
+    load: ForceRows,
 ) -> BodyLoad:
-    row = rows.row[load.nodes]
-    local = np.einsum("nij,ni->nj", group.rotations[load.copies], load.forces)
+    copies, nodes = np.divmod(load.row, group.n_nodes)
+    row = rows.row[nodes]
     # Rows of the applied force have the order of the rows: both sort the entries alike.
-    velocity, order = runs(_components(row * 3 * lanes + load.copies, lanes))
+    velocity, order = runs(_components(row * 3 * lanes + copies, lanes))
     applied_row = applied[row].astype(np.int64)
     return BodyLoad(
         amplitude=load.amplitude,
-        applied=runs(_components(applied_row * 3 * lanes + load.copies, lanes))[0],
+        applied=runs(_components(applied_row * 3 * lanes + copies, lanes))[0],
         velocity=velocity,
-        values=local.ravel()[order],
-        following=FollowingForces(local, load.copies, order) if load.follows_block else None,
+        values=load.force.ravel()[order],
+        following=FollowingForces(load.force, copies, order) if load.follows_block else None,
     )
 
 
@@ -288,20 +291,15 @@ def _lane_gravity(group: Body, gravity: FloatArray | None, lanes: int) -> LaneAr
     return local
 
 
-def _of_places(load: NodalLoad, places: IntArray) -> NodalLoad:
-    """The part of a load on copies that are computed, by their places."""
-    copies = places[load.copies]
-    mine = copies >= 0
-    return replace(load, copies=copies[mine], nodes=load.nodes[mine], forces=load.forces[mine])
+def _on(load: ForceRows, numbers: IntArray) -> ForceRows:
+    """The part of a load on nodes that have a number, by these."""
+    row = numbers[load.row]
+    return replace(load, row=row[row >= 0], force=load.force[row >= 0])
 
 
 def _held_lanes(stated: TimedSystem, number: int, rows: BlockRows, lanes: int) -> HeldLanes | None:
     """Supports of one body; None: none."""
-    group, system = stated.bodies[number], stated.system
-    first = [np.full(body.n_copies, -1) for body in system.bodies]
-    places = stated.places(number)
-    first[number] = np.where(places < 0, -1, group.n_nodes * places)
-    held = held_rows(system.bodies, system.supports, first)
+    group, held = stated.bodies[number], stated.system.supports.on(stated.numbers(number))
     node, axis = np.nonzero(held.held)
     if not len(node):
         return None

@@ -441,7 +441,7 @@ def solve(
         sample_interval=sample_interval,
         max_work=max_work,
         ends=clock.process_time() + max_seconds,
-        moving=moving_supports(stated.system.supports),
+        moving=moving_supports(stated.system),
     )
     first = run.counted = state.step
     started = clock.process_time()
@@ -686,7 +686,7 @@ def _forces_at_end(system: ExplicitSystem, state: Lanes) -> dict[str, Any]:
     touching = [i.contact() for i in system.interactions]
     searched, slips = touching[0] if touching else (None, None)
     return {
-        "support_forces": tuple(supports) if system.stated.system.supports else (),
+        "support_forces": tuple(supports) if len(system.stated.system.supports.row) else (),
         "contact_forces": tuple(contact),
         "searched": searched,
         "slips": slips,

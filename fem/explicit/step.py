@@ -37,7 +37,7 @@ from geometry.mesh import FloatArray
 class Interaction(ABC):
     """Forces between blocks (contact), one more term of the step; may hold work arrays of its own.
 
-    Made by `fem.system.model.InteractionModel.bind`.
+    Made by `fem.system.time_step.InteractionModel.bind`.
     """
 
     @abstractmethod

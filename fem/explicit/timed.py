@@ -9,11 +9,10 @@ from functools import cached_property
 import numpy as np
 
 from fem.contact.law import COUNTED_PRESSURE
-from fem.system.body import Body, ModelError
+from fem.system.body import Body, ModelError, refuse_turning_springs
 from fem.system.effects import Effects
-from fem.system.model import InteractionModel, refuse_turning_springs
 from fem.system.system import System, unresisted_motions
-from fem.system.time_step import CriticalTimeStep, critical_time_step
+from fem.system.time_step import CriticalTimeStep, InteractionModel, critical_time_step
 from geometry.mesh import FloatArray, IntArray
 
 
@@ -89,11 +88,12 @@ class TimedSystem:
         """Copies of each body that are computed, in the order in which the loop has them."""
         return [self.system.copy_of[blocks] for blocks in self.blocks]
 
-    def places(self, number: int) -> IntArray:
-        """Place of each copy of a body among those that are computed, -1 where it is not."""
-        copies = self._copies[number]
-        result = np.full(self.system.bodies[number].n_copies, -1, dtype=np.int64)
-        result[copies] = np.arange(len(copies))
+    def numbers(self, number: int) -> IntArray:
+        """Numbers of a body's nodes in the loop, copy after copy, -1 of all others, (n_nodes,)."""
+        of_node = self.system.block_of_node
+        result, n = np.full(len(of_node), -1), self.bodies[number].n_nodes
+        for place, first in enumerate(self.system.first_nodes[self.blocks[number]].tolist()):
+            result[first : first + n] = place * n + np.arange(n)
         return result
 
     @property

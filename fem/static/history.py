@@ -100,7 +100,7 @@ def _through(stages: Sequence[System], options: StaticOptions, store: Flexibilit
     pushed = {0.0: forces} | {one.load_factor: _force(one) for one in found}
     whole = {share: tuple(system.expand(force)) for share, force in pushed.items()}
     first = tuple(system.expand(moved))
-    curves = tuple(_curve(one, first, whole) for one in moving_supports(stages[-1].supports))
+    curves = tuple(_curve(one, first, whole) for one in moving_supports(stages[-1]))
     state = with_evidence(found, options, (clock, ready))
     state.evidence.curves = curves
     return state
@@ -113,9 +113,9 @@ def _force(state: State) -> FloatArray:
 
 def _curve(moving: MovingSupport, begin: Forces, pushed: dict[float, Forces]) -> PushCurve:
     """Force of a support over its way in the last stage, from where it is at the beginning."""
-    part, k = moving.largest
-    first = float(begin[part.group][part.copies[k], part.nodes[k]] @ part.directions[k])
-    last = float(part.displacement[k]) * (1.0 if part.amplitude is None else part.amplitude(np.inf))
+    last = moving.way * moving.amplitude(np.inf)
     shares = np.array(list(pushed))
-    ways = (first + shares * (last - first)) * np.sign(last)
-    return PushCurve(part.name, shares, ways, np.array([moving.force(f) for f in pushed.values()]))
+    ways = (moving.place(begin) + shares * (last - moving.place(begin))) * np.sign(last)
+    return PushCurve(
+        moving.name, shares, ways, np.array([moving.force(f) for f in pushed.values()])
+    )

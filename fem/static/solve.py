@@ -303,7 +303,7 @@ def linearised_at(problem: StaticProblem, state: Iterate, displacement: FloatArr
 def _ways(state: State) -> str:
     """How far supports have moved."""
     at = {state.time or 0.0: 0.0}
-    curves = [moving.curve(at) for moving in moving_supports(state.system.supports)]
+    curves = [moving.curve(at) for moving in moving_supports(state.system)]
     return ", ".join(f"{curve.name} by {curve.displacements[-1]:.4g} mm" for curve in curves)
 
 

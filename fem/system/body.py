@@ -5,6 +5,7 @@ World axes, mm, N, t.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -30,6 +31,16 @@ from geometry.mesh import FloatArray, HexMesh, IntArray, ReadOnlyArrays
 
 class ModelError(RefusedError):
     """A model no solver can use: the message says what was got, what was expected."""
+
+
+def refuse_turning_springs(bodies: Sequence[Body]) -> None:
+    """Reject springs of blocks that may turn by any angle."""
+    if any(body.springs is not None for body in bodies):
+        raise ModelError(
+            "springs: got blocks that may turn by any angle, which springs to the ground do not "
+            "follow; expected small rotations (finite_rotation off, pressures that do not turn "
+            "with their block)"
+        )
 
 
 @dataclass(frozen=True)

@@ -25,6 +25,8 @@ from fem.element.material import Material
 from fem.system.body import Body, ModelError, placed_body
 from fem.system.forces import (
     ALL_THE_WAY,
+    Amplitude,
+    ForceRows,
     TabularAmplitude,
     edge_forces,
     facet_points,
@@ -32,7 +34,7 @@ from fem.system.forces import (
     traction_forces,
     wrench_forces,
 )
-from fem.system.model import Amplitude, NodalLoad, Support, fixed_nodes
+from fem.system.held import Held, held_at, joined
 from fem.system.springs import Springs, springs_on
 from geometry.assembly import Assembly
 from geometry.errors import RefusedError
@@ -259,21 +261,19 @@ def _face_forces(assembly: Assembly, load: LoadCase, block: int) -> FloatArray |
     return forces
 
 
-def nodal_loads(
-    assembly: Assembly, load: LoadCase, group_of: IntArray, copy_of: IntArray
-) -> tuple[NodalLoad, ...]:
-    """Loads of the deformable blocks, one entry for each group that is loaded.
+def force_rows(assembly: Assembly, load: LoadCase, first: IntArray) -> tuple[ForceRows, ...]:
+    """Loads of the blocks that deform; pressures that turn with their blocks come last.
 
-    Pressures that turn with their blocks come after the dead loads.
+    ``first`` are the first nodes of the blocks, -1 of rigid ones, (n_blocks,).
     """
     turning = tuple(face for face in load.faces if _turns(face))
-    if turning:
-        dead = replace(load, faces=tuple(face for face in load.faces if not _turns(face)))
-        result = _dead_loads(assembly, dead, group_of, copy_of)
-        alone = replace(load, faces=turning, body_wrenches=None, lines=(), nodes=())
-        follow = _dead_loads(assembly, alone, group_of, copy_of)
-        return (*result, *(replace(part, follows_block=True) for part in follow))
-    return _dead_loads(assembly, load, group_of, copy_of)
+    if not turning:
+        return _dead_loads(assembly, load, first)
+    dead = replace(load, faces=tuple(face for face in load.faces if not _turns(face)))
+    alone = replace(load, faces=turning, body_wrenches=None, lines=(), nodes=())
+    follow = _dead_loads(assembly, alone, first)
+    turned = (replace(part, follows_block=True) for part in follow)
+    return (*_dead_loads(assembly, dead, first), *turned)
 
 
 def ground_loads(assembly: Assembly, load: LoadCase, group_of: IntArray) -> FloatArray | None:
@@ -290,31 +290,20 @@ def _turns(face: FaceLoad) -> bool:
     return isinstance(face, PressureLoad) and face.follows_block
 
 
-def _dead_loads(
-    assembly: Assembly, load: LoadCase, group_of: IntArray, copy_of: IntArray
-) -> tuple[NodalLoad, ...]:
-    loads = []
-    for number in range(int(group_of.max()) + 1):
-        copies, nodes, forces = [], [], []
-        known: dict[bytes | None, FloatArray | None] = {}
-        for block in np.flatnonzero(group_of == number).tolist():
-            pressed = _pressed(load, block)
-            if pressed is None or pressed not in known:
-                known[pressed] = block_load_forces(assembly, load, block)
-            local = known[pressed]
-            if local is None:
-                continue
-            where = np.flatnonzero(local.any(axis=1))
-            copies.append(np.full(len(where), copy_of[block]))
-            nodes.append(where)
-            forces.append(local[where] @ assembly.rotations[block].T)
-        if copies:
-            loads.append(
-                NodalLoad(
-                    number, np.concatenate(copies), np.concatenate(nodes), np.concatenate(forces)
-                )
-            )
-    return tuple(loads)
+def _dead_loads(assembly: Assembly, load: LoadCase, first: IntArray) -> tuple[ForceRows, ...]:
+    rows, forces = list[IntArray](), list[FloatArray]()
+    known: dict[tuple[int, bytes], FloatArray | None] = {}
+    for block in np.flatnonzero(first >= 0).tolist():
+        pressed = _pressed(load, block)
+        key = int(assembly.shape_of[block]), pressed or b""
+        if pressed is None or key not in known:
+            known[key] = block_load_forces(assembly, load, block)
+        local = known[key]
+        if local is not None:
+            nodes = np.flatnonzero(local.any(axis=1))
+            rows.append(first[block] + nodes)
+            forces.append(local[nodes])
+    return (ForceRows(np.concatenate(rows), np.concatenate(forces)),) if rows else ()
 
 
 def outer_face(assembly: Assembly, block: int) -> str:
@@ -347,13 +336,10 @@ def held_faces(assembly: Assembly, load: LoadCase) -> tuple[HeldFace, ...]:
     return (*load.held, *(HeldFace(block, outer_face(assembly, block)) for block in blocks))
 
 
-def supports_at(
-    assembly: Assembly,
-    faces: tuple[HeldFace, ...],
-    group_of: IntArray,
-    copy_of: IntArray,
-) -> tuple[Support, ...]:
-    """Hold or move parts of blocks that deform: one entry for those alike in a layer.
+def held_rows(assembly: Assembly, faces: tuple[HeldFace, ...], first: IntArray) -> Held:
+    """Hold or move parts of blocks that deform.
+
+    ``first`` are the first nodes of the blocks, -1 of rigid ones, (n_blocks,).
 
     Raises
     ------
@@ -364,30 +350,31 @@ def supports_at(
     for held in faces:
         if held.spring is None:
             of_block.setdefault(held.block, []).append(held)
-    alike: dict[tuple[int, int, tuple[tuple[str, str], ...]], list[int]] = {}
-    single: list[Support] = []
-    for block, mine in of_block.items():
-        names = tuple((held.face, held.title) for held in mine if isinstance(held.face, str))
+    wholly, single = list[Held](), list[Held]()
+    nodes_of: dict[tuple[int, tuple[str, ...]], IntArray] = {}
+    for block in sorted(of_block, key=lambda block: int(assembly.layer[block])):
+        mine, turn = of_block[block], assembly.rotations[block]
+        names = tuple(held.face for held in mine if isinstance(held.face, str))
         whole = all(held.directions is None and held.displacement is None for held in mine)
-        if whole and len(names) == len(mine) and len({title for _, title in names}) == 1:
-            key = int(assembly.layer[block]), int(group_of[block]), names
-            alike.setdefault(key, []).append(block)
-        else:
-            single += _supports_of(assembly, block, mine, int(group_of[block]), int(copy_of[block]))
-    supports = []
-    for (_, group, names), blocks in sorted(alike.items()):
-        shape = assembly.shape(blocks[0])
-        quads = np.concatenate([shape.faces[face] for face, _ in names])
-        nodes = np.unique(shape.mesh.facet_nodes(quads))
-        title, copies = names[0][1], copy_of[np.sort(blocks)]
-        supports.append(fixed_nodes(group, nodes, copies=copies, name=title))
-    return (*supports, *single)
+        if not (whole and len(names) == len(mine) and len({held.title for held in mine}) == 1):
+            single += _supports_of(assembly, block, mine, int(first[block]))
+            continue
+        key = int(assembly.shape_of[block]), names
+        if key not in nodes_of:
+            shape = assembly.shape(block)
+            quads = np.concatenate([shape.faces[face] for face in names])
+            nodes_of[key] = np.unique(shape.mesh.facet_nodes(quads))
+        nodes = first[block] + nodes_of[key]
+        directions = np.tile(turn, (len(nodes), 1))
+        wholly.append(held_at(np.repeat(nodes, 3), directions, name=mine[0].title))
+    return joined((*wholly, *single))
 
 
-def _supports_of(
-    assembly: Assembly, block: int, faces: list[HeldFace], group: int, copy: int
-) -> list[Support]:
-    """Components of the nodes of one block that its supports prescribe, each once."""
+def _supports_of(assembly: Assembly, block: int, faces: list[HeldFace], first: int) -> list[Held]:
+    """Components of the nodes of one block that its supports prescribe, each once.
+
+    ``first`` is the number of its first node.
+    """
     none = np.zeros((0, 3))
     taken, moving = dict[int, FloatArray](), dict[int, FloatArray]()
     result = []
@@ -409,14 +396,11 @@ def _supports_of(
                 moving[node] = np.concatenate([moving.get(node, none), held.axes])
         along = np.concatenate([none, *directions])
         moved = np.zeros(3) if held.displacement is None else held.displacement
-        of = np.array(nodes, dtype=np.int64)
         result.append(
-            Support(
-                group=group,
-                copies=np.full(len(of), copy),
-                nodes=of,
-                directions=along,
-                displacement=along @ moved,
+            held_at(
+                first + np.array(nodes, dtype=np.int64),
+                along @ assembly.rotations[block],
+                along @ moved,
                 amplitude=motion_of(held) if held.moves else None,
                 name=held.title,
             )

@@ -9,6 +9,7 @@ load that follows the surface, the reference ones for a dead load.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,11 +18,39 @@ from scipy.sparse import csr_array
 from fem.element.facet import FACET_CORNERS, basis_of, facet_area_vectors, facet_functions
 from fem.element.functions import gauss_line
 from geometry.errors import RefusedError
-from geometry.mesh import FloatArray, HexMesh, IntArray
+from geometry.mesh import FloatArray, HexMesh, IntArray, ReadOnlyArrays
+
+Amplitude = Callable[[float], float]
+"""Factor of a load or a displacement as a function of time [s]."""
 
 
 class LoadError(RefusedError):
     """A load that cannot be applied: got, expected, what to do."""
+
+
+@dataclass(frozen=True)
+class ForceRows(ReadOnlyArrays):
+    """Forces on nodes, amplitude(t) · force, in the frames of their blocks.
+
+    Raises
+    ------
+    LoadError
+        A force that is not finite.
+    """
+
+    row: IntArray
+    """Node of each among those of all blocks (`System.first_nodes`), (n,)."""
+    force: FloatArray
+    """(n, 3) [N] at amplitude one."""
+    amplitude: Amplitude | None = None
+    """None: constant in time from the first step on."""
+    follows_block: bool = False
+    """Whether the forces turn with the frame of their block (needs finite rotation)."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if not np.isfinite(self.force).all():
+            raise LoadError("load: got a force that is not finite")
 
 
 def scatter_to_nodes(corner_forces: FloatArray, quads: IntArray, n_nodes: int) -> FloatArray:

@@ -1,4 +1,4 @@
-"""Supports of a static problem: rows of prescribed displacements, and the basis they leave.
+"""Supports: rows of prescribed displacements, and the basis they leave.
 
 A row prescribes direction · u at a node. Directions of one node may have any angles between them,
 and may repeat each other: eigenvectors of Σ d dᵀ are axes of which those with an eigenvalue are
@@ -14,9 +14,8 @@ from functools import cached_property
 import numpy as np
 from scipy.sparse import bsr_array, csr_array
 
-from fem.system.body import Body, ModelError
-from fem.system.forces import ALL_THE_WAY
-from fem.system.model import Amplitude, Support
+from fem.system.body import ModelError
+from fem.system.forces import ALL_THE_WAY, Amplitude
 from geometry.mesh import BoolArray, FloatArray, IntArray
 
 #: Prescribed displacements are met to this share of the largest displacement.
@@ -27,16 +26,10 @@ _SAME = 1e-9
 
 @dataclass(frozen=True)
 class Held:
-    """Prescribed displacements: direction · u = start + share of its way · (value - start).
-
-    Raises
-    ------
-    ModelError
-        Rows of one node that contradict each other.
-    """
+    """Prescribed displacements: direction · u = start + share of its way · (value - start)."""
 
     row: IntArray
-    """Node of each, (n,)."""
+    """Node of each, (n,): of all blocks (`System.first_nodes`), or of a solver (`on`)."""
     direction: FloatArray
     """In the block frame, (n, 3)."""
     value: FloatArray
@@ -47,8 +40,26 @@ class Held:
     """Share of their way as functions of time [s]."""
     start: FloatArray | float = 0.0
     """Where rows that move begin, (n,) [mm]."""
+    support: IntArray | int = 0
+    """Which of the names each has, (n,)."""
+    names: tuple[str, ...] = ("support",)
+    """In tables of reactions; rows of one name are one support."""
 
-    def __post_init__(self) -> None:
+    def on(self, number: IntArray) -> Held:
+        """The rows of a solver that gives each node a number (n_nodes,), -1 to what it leaves out.
+
+        Raises
+        ------
+        ModelError
+            Rows of one node that contradict each other.
+        """
+        row = number[self.row]
+        mine = row >= 0
+        of_rows = {name: getattr(self, name)[mine] for name in ("direction", "value", "table")}
+        support = np.broadcast_to(self.support, len(mine))[mine]
+        return replace(self, row=row[mine], support=support, **of_rows)._checked()
+
+    def _checked(self) -> Held:
         there = np.einsum("rti,ri->rt", self.ways[self._number], self.direction)
         for table, value in self._parts:
             there[np.arange(len(self.row)), table] -= value
@@ -59,6 +70,7 @@ class Held:
                 f"supports: node {int(self.row[wrong.argmax()])} is moved in two ways along one "
                 "direction; expected one of them"
             )
+        return self
 
     @cached_property
     def nodes(self) -> IntArray:
@@ -129,7 +141,7 @@ class Held:
         first = (self.direction * moved[self.row]).sum(axis=1)
         goes = np.abs(first - last) > _ROUNDING * np.abs(moved).max()
         table, tables = np.where(goes, 0, -1), (ALL_THE_WAY,) if goes.any() else ()
-        return replace(self, value=last, table=table, tables=tables, start=first)
+        return replace(self, value=last, table=table, tables=tables, start=first)._checked()
 
     def transform(self, n_nodes: int) -> tuple[csr_array, IntArray]:
         """T of u = T v with every prescribed component one variable, and the free variables.
@@ -164,26 +176,61 @@ class Held:
         return bool(np.abs(away).max(initial=0.0) <= _ROUNDING * size)
 
 
-def held_rows(
-    bodies: Sequence[Body], supports: Sequence[Support], first: Sequence[IntArray]
+def held_at(
+    nodes: IntArray,
+    directions: FloatArray,
+    values: FloatArray | float = 0.0,
+    *,
+    amplitude: Amplitude | None = None,
+    name: str = "support",
 ) -> Held:
-    """Supports of the copies of bodies.
+    """Hold nodes (n,), or move them by values (n,) [mm], along directions of their blocks, (n, 3).
 
-    ``first`` are the rows of their first nodes, (n_copies,) each; -1: of a copy that is left out.
+    What moves has an amplitude, the share of its way as a function of time.
+
+    Raises
+    ------
+    ModelError
+        A displacement or direction that is not finite, or one that jumps at time 0.
     """
-    tables = tuple(
-        dict.fromkeys(s.amplitude for s in supports if s.displacement.any() and s.amplitude)
-    )
-    none = np.zeros(0, np.int64), np.zeros((0, 3)), np.zeros(0), np.zeros(0, np.int64)
-    parts = [none]
-    for support in supports:
-        turns = bodies[support.group].rotations[support.copies]
-        local = np.einsum("nij,ni->nj", turns, support.directions)
-        moves = support.displacement.any() and support.amplitude is not None
-        table = np.full(len(local), tables.index(support.amplitude) if moves else -1)
-        start = first[support.group][support.copies]
-        mine = start >= 0
-        row = (start + support.nodes)[mine]
-        parts.append((row, local[mine], support.displacement[mine], table[mine]))
-    row, direction, value, table = (np.concatenate(of) for of in zip(*parts, strict=True))
-    return Held(row, direction, value, table, tables)
+    value = np.zeros(len(nodes)) + values
+    if not (np.isfinite(value).all() and np.isfinite(directions).all()):
+        raise ModelError(f"{name}: got a displacement or direction that is not finite")
+    if not value.any():
+        return Held(nodes, directions, value, np.full(len(nodes), -1), names=(name,))
+    if amplitude is None or abs(amplitude(0.0)) > _ROUNDING:
+        raise ModelError(
+            f"{name}: the prescribed displacement jumps at time 0; expected an amplitude "
+            "that starts from zero, such as a smooth step"
+        )
+    return Held(nodes, directions, value, np.zeros_like(nodes), (amplitude,), names=(name,))
+
+
+def joined(parts: Sequence[Held]) -> Held:
+    """Rows of several supports; tables and names that are the same come once."""
+    none = np.zeros(0, np.int64)
+    parts = [Held(none, np.zeros((0, 3)), np.zeros(0), none, names=()), *parts]
+    tables = {_key(table): table for part in parts for table in part.tables}
+    names = list(dict.fromkeys(name for part in parts for name in part.names))
+    rows = [
+        (
+            part.row,
+            part.direction,
+            part.value,
+            np.array([*(list(tables).index(_key(of)) for of in part.tables), -1])[part.table],
+            np.array([*map(names.index, part.names), -1])[part.support] + np.zeros_like(part.row),
+        )
+        for part in parts
+    ]
+    row, direction, value, table, support = (np.concatenate(of) for of in zip(*rows, strict=True))
+    every = tuple(tables.values())
+    return Held(row, direction, value, table, every, support=support, names=tuple(names))
+
+
+def _key(table: Amplitude) -> tuple[bool, Amplitude]:
+    """The way of a support without a table is none of its tables: runs in time replace it."""
+    return table is ALL_THE_WAY, table
+
+
+NOT_HELD = joined(())
+"""Without supports."""

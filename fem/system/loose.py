@@ -36,15 +36,13 @@ def loose_blocks(
     assembly = deformable.assembly
     pressing = np.flatnonzero((point_pressures > 0.0).any(axis=1))
     surfaces, point_pressures = surfaces.subset(pressing), point_pressures[pressing]
-    supported = {
-        (support.group, int(copy)) for support in deformable.supports for copy in support.copies
-    }
+    supported = np.unique(deformable.block_of_node[deformable.supports.row])
     loose = []
     moving = deformable.deformable_blocks
     for block in np.unique(representative[moving]):
         group = int(deformable.group_of[block])
         springs = deformable.bodies[group].springs
-        if springs is not None or (group, int(deformable.copy_of[block])) in supported:
+        if springs is not None or block in supported:
             continue
         arms = assembly.nodes(int(block)) - assembly.centroids[block]
         rows = []

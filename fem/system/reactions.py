@@ -8,8 +8,8 @@ from functools import cached_property
 
 import numpy as np
 
-from fem.system.body import Body
-from fem.system.model import Support
+from fem.system.forces import Amplitude
+from fem.system.system import System
 from geometry.mesh import FloatArray, IntArray, ReadOnlyArrays
 from geometry.parts.balance import Reactions, of_supports, outward_thrust
 
@@ -20,37 +20,40 @@ _FIRST = 0.01
 Forces = tuple[FloatArray, ...]
 
 
-def reactions(
-    bodies: Sequence[Body], supports: Sequence[Support], forces: Forces, displacements: Forces
-) -> Reactions:
+def reactions(system: System, forces: Forces, displacements: Forces) -> Reactions:
     """Resultant of each support and bed of springs on the blocks, by its name.
 
     Parameters
     ----------
-    bodies, supports
-        What has springs, and what is held.
+    system
+        What is held, and what has springs.
     forces
         Of the supports; () where nothing is held.
     displacements
-        Of each group, world axes, (n_copies, n_nodes, 3) [mm]: springs follow them.
+        Of each body, world axes, (n_copies, n_nodes, 3) [mm]: springs follow them.
     """
     acting: dict[str, list[tuple[FloatArray, FloatArray, IntArray]]] = {}
-    places = [group.reference_positions() for group in bodies]
-    first = np.cumsum([0, *(group.n_copies for group in bodies)])
-    for support in supports if forces else ():
-        at = places[support.group][support.copies, support.nodes]
-        block = np.broadcast_to(first[support.group] + support.copies, len(at))
-        acting.setdefault(support.name, []).append((at, _along(support, forces), block))
-    for number, group, at, moved in zip(first[:-1], bodies, places, displacements, strict=True):
+    bodies, rows = system.bodies, system.supports
+    places = [body.reference_positions() for body in bodies]
+    starts = np.cumsum([0, *(body.n_copies * body.n_nodes for body in bodies)])
+    if forces:
+        directions = _in_world(system, slice(None))
+        along = _along(forces, rows.row, directions)[:, None] * directions
+        at, block = _flat(places)[rows.row], system.block_of_node[rows.row]
+        for number, name in enumerate(rows.names):
+            mine = rows.support == number
+            acting.setdefault(name, []).append((at[mine], along[mine], block[mine]))
+    for start, group, at, moved in zip(starts, bodies, places, displacements, strict=False):
         if group.springs is None:
             continue
+        blocks = system.block_of_node[start :: group.n_nodes]
         for k, (turn, here, u) in enumerate(zip(group.rotations, at, moved, strict=True)):
             on_nodes = group.springs.forces(u @ turn) @ turn.T
             for name, nodes, force in zip(
                 group.springs.names, group.springs.nodes, on_nodes, strict=True
             ):
                 acting.setdefault(name, []).append(
-                    (here[nodes], force, np.full(len(nodes), number + k))
+                    (here[nodes], force, np.full(len(nodes), blocks[k]))
                 )
     wrenches, middles, outward = {}, {}, {}
     for name, parts in acting.items():
@@ -72,12 +75,20 @@ def _outward(at: FloatArray, forces: FloatArray, block: IntArray) -> float:
     return outward_thrust(middles / np.bincount(which)[:, None], sums)
 
 
-def _along(support: Support, forces: Forces) -> FloatArray:
-    """Force along each prescribed component, (n, 3) [N]."""
-    at = forces[support.group][support.copies, support.nodes]
-    size = np.einsum("ni,ni->n", at, support.directions)
-    along: FloatArray = size[:, None] * support.directions
-    return along
+def _flat(of_bodies: Sequence[FloatArray]) -> FloatArray:
+    """Vectors of the nodes of all copies, body after body, (n_nodes, 3)."""
+    return np.concatenate([of.reshape(-1, 3) for of in of_bodies])
+
+
+def _in_world(system: System, rows: IntArray | slice) -> FloatArray:
+    """Directions of some rows of the supports in world axes, (n, 3)."""
+    turns = system.assembly.rotations[system.block_of_node[system.supports.row[rows]]]
+    return np.einsum("nij,nj->ni", turns, system.supports.direction[rows])
+
+
+def _along(forces: Forces, nodes: IntArray, directions: FloatArray) -> FloatArray:
+    """Force along a direction at each of some nodes, (n,) [N]."""
+    return np.einsum("ni,ni->n", _flat(forces)[nodes], directions)
 
 
 @dataclass(frozen=True)
@@ -135,50 +146,53 @@ class PushCurve(ReadOnlyArrays):
 
 @dataclass(frozen=True)
 class MovingSupport:
-    """A support that moves, all its parts together."""
+    """A support that moves: the rows of its name that do."""
 
-    parts: tuple[Support, ...]
-    """Supports of its name that move."""
-
-    @cached_property
-    def largest(self) -> tuple[Support, int]:
-        """Part and component that move farthest."""
-        result = max(self.parts, key=lambda s: float(np.abs(s.displacement).max()))
-        return result, int(np.argmax(np.abs(result.displacement)))
+    name: str
+    amplitude: Amplitude
+    """Share of its way as a function of time [s]."""
+    nodes: IntArray
+    """Node of each row, (n,), the row that moves farthest first."""
+    directions: FloatArray
+    """World axes, (n, 3)."""
+    way: float
+    """Along the first direction [mm]."""
 
     def force(self, forces: Forces) -> float:
         """Force on the blocks along its way, from those on all nodes [N]."""
-        part, k = self.largest
-        unit = part.directions[k] * np.sign(part.displacement[k])
-        return float(sum((_along(s, forces) @ unit).sum() for s in self.parts))
+        along = _along(forces, self.nodes, self.directions)
+        return float(along @ self.directions @ self.directions[0] * np.sign(self.way))
+
+    def place(self, displacements: Forces) -> float:
+        """Displacement of the first row along its direction [mm]."""
+        return float(_along(displacements, self.nodes[:1], self.directions[:1])[0])
 
     def curve(self, at: dict[float, float]) -> PushCurve:
         """Curve from its forces [N] by time [s]."""
-        part, k = self.largest
         times = np.array(list(at))
-        share = part.amplitude
-        shares = [1.0 if share is None else share(time) for time in times.tolist()]
-        ways = float(abs(part.displacement[k])) * np.array(shares)
-        return PushCurve(part.name, times, ways, np.array(list(at.values())))
+        ways = abs(self.way) * np.array([self.amplitude(time) for time in times.tolist()])
+        return PushCurve(self.name, times, ways, np.array(list(at.values())))
 
 
-def moving_supports(supports: Sequence[Support]) -> tuple[MovingSupport, ...]:
+def moving_supports(system: System) -> tuple[MovingSupport, ...]:
     """Supports that move, by name."""
-    result: dict[str, tuple[Support, ...]] = {}
-    for support in supports:
-        if support.displacement.any():
-            result[support.name] = (*result.get(support.name, ()), support)
-    return tuple(map(MovingSupport, result.values()))
+    rows, result = system.supports, list[MovingSupport]()
+    for number, name in enumerate(rows.names):
+        mine = np.flatnonzero((rows.support == number) & (rows.table >= 0))
+        if len(mine):
+            farthest = np.abs(rows.value[mine]).argmax()
+            mine = np.concatenate([mine[[farthest]], np.delete(mine, farthest)])
+            table, way = rows.tables[rows.table[mine[0]]], float(rows.value[mine[0]])
+            result.append(MovingSupport(name, table, rows.row[mine], _in_world(system, mine), way))
+    return tuple(result)
 
 
-def push_curves(
-    supports: Sequence[Support], steps: tuple[tuple[float, Forces], ...]
-) -> tuple[PushCurve, ...]:
+def push_curves(system: System, steps: tuple[tuple[float, Forces], ...]) -> tuple[PushCurve, ...]:
     """Curve of each support that moves, from the forces of the supports after each step.
 
     Before the first step of a motion without loads nothing acts.
     """
     return tuple(
         moving.curve({0.0: 0.0} | {time: moving.force(forces) for time, forces in steps})
-        for moving in moving_supports(supports)
+        for moving in moving_supports(system)
     )

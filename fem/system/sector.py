@@ -182,7 +182,7 @@ def _images(system: System, order: int) -> IntArray:
 def _check_loads(system: System, image: IntArray, order: int) -> None:
     forces = system.forces_in_frames()
     largest = max((float(np.abs(f).max()) for f in forces), default=0.0)
-    held = _held_components(system)
+    held, first = _held_components(system), system.first_nodes
     for block in system.deformable_blocks:
         other = int(image[block])
         group = int(system.group_of[block])
@@ -194,7 +194,8 @@ def _check_loads(system: System, image: IntArray, order: int) -> None:
                 f"{difference:.3g} N in their own frames, so a turn by 1/{order} is no symmetry; "
                 "expected a load that repeats, or symmetry off"
             )
-        if not np.allclose(held[group][a], held[group][b], rtol=0.0, atol=_TOLERANCE):
+        one, two = (held[k : k + system.bodies[group].n_nodes] for k in first[[block, other]])
+        if not np.allclose(one, two, rtol=0.0, atol=_TOLERANCE):
             raise SymmetryError(
                 f"symmetry: blocks {int(block)} and {other} have different supports, so a rotation "
                 f"by 1/{order} is no symmetry; expected supports that repeat, or symmetry off"
@@ -214,18 +215,15 @@ def _same_joints(system: System, image: IntArray) -> bool:
     )
 
 
-def _held_components(system: System) -> list[FloatArray]:
+def _held_components(system: System) -> FloatArray:
     """Projector on the held directions and prescribed value of each node, in block frames.
 
-    Each (n_copies, n_nodes, 4, 3); two copies with equal arrays are held alike.
+    (n_nodes, 4, 3) of all copies, body after body; blocks with equal arrays are held alike.
     """
-    held = [np.zeros((g.n_copies, g.n_nodes, 4, 3)) for g in system.bodies]
-    for support in system.supports:
-        rotation = system.bodies[support.group].rotations[support.copies]
-        local = np.einsum("nij,ni->nj", rotation, support.directions)
-        where = (support.copies, support.nodes)
-        np.add.at(held[support.group][:, :, :3], where, local[:, :, None] * local[:, None, :])
-        np.add.at(held[support.group][:, :, 3], where, support.displacement[:, None] * local)
+    held, rows = np.zeros((len(system.block_of_node), 4, 3)), system.supports
+    product = rows.direction[:, :, None] * rows.direction[:, None, :]
+    np.add.at(held[:, :3], rows.row, product)
+    np.add.at(held[:, 3], rows.row, rows.value[:, None] * rows.direction)
     return held
 
 
@@ -236,7 +234,7 @@ def with_half_turn(system: System, orbits: Orbits) -> Orbits:
     the normal of a wall. No block may be its own image, turned over.
     """
     assembly, moving = system.assembly, system.deformable_blocks
-    if system.supports or assembly.image_of is not None:
+    if len(system.supports.row) or assembly.image_of is not None:
         return orbits
     centroids = (assembly.centroids + system.offsets - assembly.origin)[moving]
     height = centroids @ assembly.axis

@@ -8,7 +8,7 @@ block after the other; displacements are (n_nodes, 3), in the frames of their bl
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -21,9 +21,9 @@ from fem.contact.normals import ContactNormals
 from fem.contact.search import SearchedPoints
 from fem.contact.surfaces import ContactPoints, MatchedFacets
 from fem.element.lagrange_mesh import in_pieces
-from fem.system.body import Body, ModelError
-from fem.system.held import Held, held_rows
-from fem.system.model import NodalLoad, Support, check_statement
+from fem.system.body import Body, ModelError, refuse_turning_springs
+from fem.system.forces import ForceRows
+from fem.system.held import NOT_HELD, Held
 from geometry.assembly import Assembly
 from geometry.mesh import BoolArray, FloatArray, IntArray
 
@@ -132,9 +132,9 @@ class System:
     """Facet pairs of which at least one block deforms."""
     contact: Contact
     """Law and normals."""
-    supports: tuple[Support, ...] = ()
-    """Prescribed displacements."""
-    forces: tuple[NodalLoad, ...] = ()
+    supports: Held = NOT_HELD
+    """Prescribed displacements of nodes of all blocks."""
+    forces: tuple[ForceRows, ...] = ()
     """Nodal forces, weight left out."""
     gravity: FloatArray | None = None
     """Uniform acceleration of all that deforms, world axes, (3,) [mm/s²]; None: absent."""
@@ -150,7 +150,8 @@ class System:
     blocks are at rest, without loads."""
 
     def __post_init__(self) -> None:
-        check_statement(self.bodies, self.supports, self.forces)
+        if any(load.follows_block for load in self.forces):
+            refuse_turning_springs(self.bodies)
 
     # ---- all blocks
 
@@ -162,7 +163,7 @@ class System:
     @property
     def moves(self) -> bool:
         """Whether a support moves."""
-        return any(support.displacement.any() for support in self.supports)
+        return bool(self.supports.value.any())
 
     @property
     def n_elements(self) -> int:
@@ -195,13 +196,26 @@ class System:
         """Return the body of a deformable block."""
         return self.bodies[int(self.group_of[block])]
 
+    @cached_property
+    def first_nodes(self) -> IntArray:
+        """First node of each block among those of all copies, body after body, -1 of rigid ones."""
+        return first_nodes(self.bodies, self.group_of, self.copy_of)
+
+    @cached_property
+    def block_of_node(self) -> IntArray:
+        """Block of each node of all copies, body after body, (n_nodes,)."""
+        blocks = self.deformable_blocks[np.argsort(self.first_nodes[self.deformable_blocks])]
+        return np.repeat(blocks, [self.body_of(block).n_nodes for block in blocks.tolist()])
+
     def forces_in_frames(self, *, weight: bool = True) -> list[FloatArray]:
         """Nodal loads of each body in block frames, each (n_copies, n_nodes, 3) [N]."""
         forces = [np.zeros((body.n_copies, body.n_nodes, 3)) for body in self.bodies]
+        starts = np.cumsum([0, *(body.n_copies * body.n_nodes for body in self.bodies)])
         for load in self.forces:
-            rotation = self.bodies[load.group].rotations[load.copies]
-            local = np.einsum("nij,ni->nj", rotation, load.forces)
-            np.add.at(forces[load.group], (load.copies, load.nodes), local)
+            for start, force in zip(starts, forces, strict=False):
+                flat, row = force.reshape(-1, 3), load.row - start
+                mine = (row >= 0) & (row < len(flat))
+                np.add.at(flat, row[mine], load.force[mine])
         if weight and self.gravity is not None:
             for force, body in zip(forces, self.bodies, strict=True):
                 local = self.gravity @ body.rotations
@@ -336,10 +350,11 @@ class System:
         ModelError
             Supports of one node that contradict each other.
         """
-        first = [np.full(body.n_copies, -1) for body in self.bodies]
-        for block, node in zip(self.blocks.tolist(), self.node_start.tolist(), strict=False):
-            first[self.group_of[block]][self.copy_of[block]] = node
-        held = held_rows(self.bodies, self.supports, first)
+        number = np.full(len(self.block_of_node), -1)
+        for slot, first in enumerate(self.first_nodes[self.blocks].tolist()):
+            mine = self.nodes_of(slot)
+            number[first : first + mine.stop - mine.start] = np.arange(mine.start, mine.stop)
+        held = self.supports.on(number)
         return held if self.begin is None else held.beginning_at(self.begin[0])
 
     @property
@@ -411,6 +426,13 @@ class System:
             local = displacement[self.rows.of_block(block)]
             result[self.group_of[block]][self.copy_of[block]] = local @ self.frames[block].T
         return result
+
+
+def first_nodes(bodies: Sequence[Body], group_of: IntArray, copy_of: IntArray) -> IntArray:
+    """`System.first_nodes` of the body and copy of each block, -1 for rigid ones, (n_blocks,)."""
+    sizes = np.array([body.n_nodes for body in bodies])
+    starts = np.cumsum([0, *(body.n_copies * body.n_nodes for body in bodies)])
+    return np.where(group_of < 0, -1, starts[group_of] + sizes[group_of] * copy_of)
 
 
 def no_symmetry(assembly: Assembly, surfaces: MatchedFacets) -> Orbits:

@@ -15,6 +15,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any, Protocol
 
 import numpy as np
 from scipy.sparse import bsr_array, csr_array, diags_array
@@ -26,11 +27,10 @@ from fem.element.hexahedron import (
     point_volumes,
 )
 from fem.element.material import Material
-from fem.system.body import Body
+from fem.system.body import Body, refuse_turning_springs
 from fem.system.effects import Effects
-from fem.system.model import InteractionModel, refuse_turning_springs
 from geometry.errors import RefusedError
-from geometry.mesh import HEX_FACES, FloatArray, HexMesh
+from geometry.mesh import HEX_FACES, FloatArray, HexMesh, IntArray
 
 
 def characteristic_length(coordinates: FloatArray) -> FloatArray:
@@ -62,6 +62,19 @@ def characteristic_time_step(
     """
     length = characteristic_length(mesh.nodes[mesh.elements]).min()
     return float(length) / material.dilatational_wave_speed * damped_factor(linear_bulk_viscosity)
+
+
+class InteractionModel(Protocol):
+    """Statement of forces between blocks, such as contact; frozen."""
+
+    def touched_nodes(self, group: int) -> IntArray:
+        """Nodes of the group's mesh on which forces may act, (n,)."""
+
+    def nodal_stiffness(self, group: int) -> FloatArray | None:
+        """Stiffness to count on each node for the critical time step, (n_nodes,) [N/mm]."""
+
+    def bind(self, bodies: Any) -> Any:
+        """Prepare the force for the loop: a `fem.explicit.step.Interaction` of its bodies."""
 
 
 class TimeStepError(RefusedError):

@@ -11,9 +11,8 @@ from fem.explicit.step import placed_internal_force
 from fem.system.body import ModelError, placed_body
 from fem.system.effects import BulkViscosity, Effects, RayleighDamping
 from fem.system.forces import SmoothStepAmplitude
-from fem.system.model import nodal_load
 from tests.support.fem_problems import CONCRETE, distorted_box
-from tests.support.lone_bodies import lone_bodies
+from tests.support.lone_bodies import lone_bodies, nodal_load
 
 FINITE = Effects(finite_rotation=True)
 PLACEMENTS = Rotation.from_rotvec([[0, 0, 0], [0, 0, 1.0], [0.6, -1.0, 0.3]]).as_matrix()

@@ -19,11 +19,10 @@ from fem.explicit.timed import TimedSystem
 from fem.system.body import Body, placed_body
 from fem.system.effects import BulkViscosity, Effects, RayleighDamping
 from fem.system.forces import SmoothStepAmplitude
-from fem.system.model import fixed_nodes, nodal_load
 from geometry.block import box_block
 from geometry.mesh import CORNERS, HexMesh
 from tests.support.fem_problems import CONCRETE, distorted_box
-from tests.support.lone_bodies import lone_bodies
+from tests.support.lone_bodies import fixed_nodes, lone_bodies, nodal_load
 
 PLACEMENTS = Rotation.from_rotvec([[0, 0, 0], [0, 0, 1.0], [0.6, -1.0, 0.3]]).as_matrix()
 

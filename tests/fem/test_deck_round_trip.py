@@ -13,6 +13,7 @@ from fem.decks.deck import Flavour
 from fem.decks.read.deck import deck_of_lines
 from tests.support.commands import command
 from tests.support.decks import exported, written_again
+from tests.support.fem_problems import loaded_nodes
 from validation import load_case
 
 pytestmark = pytest.mark.quick
@@ -96,14 +97,9 @@ def test_what_is_read_and_written_is_read_as_the_same(scene, flavour, tmp_path: 
 
 def resultant(problem: Problem) -> tuple[np.ndarray, float]:
     """Force and moment of the loads of blocks that deform, and the size of these moments."""
-    result, size = np.zeros(6), 0.0
-    system = problem.deformable
-    for load in system.forces:
-        places = system.bodies[load.group].reference_positions()[load.copies, load.nodes]
-        moments = np.cross(places, load.forces)
-        result += np.concatenate([load.forces.sum(axis=0), moments.sum(axis=0)])
-        size += float(np.abs(moments).sum())
-    return result, size
+    places, forces = loaded_nodes(problem.deformable)
+    moments = np.cross(places, forces)
+    return np.concatenate([forces.sum(axis=0), moments.sum(axis=0)]), float(np.abs(moments).sum())
 
 
 #: Scenes that are solved, and how far displacements and pressures may be off, relative: coordinates

@@ -31,6 +31,7 @@ from tests.support.ccx import calculix_available, run_calculix
 from tests.support.commands import command
 from tests.support.cubes_deck import CUBES, changed, changed_lines
 from tests.support.decks import exported, solved, written_again
+from tests.support.fem_problems import loaded_nodes
 from tests.support.press_fit import MU, block, block_pressure
 from tests.verification.macneal_harder import beam_lines, solved_lines, tip_moves
 from validation import load_case
@@ -153,8 +154,7 @@ def test_what_has_no_influence_is_named() -> None:
 def test_forces_on_nodes_count_once_beside_pressures_that_turn() -> None:
     both = changed("UPPER, P2, 2.", "UPPER, P2, 2.\n*Cload\n15, 3, -1.")
     for lines in (both, changed("*Step\n", "*Step, nlgeom\n", both)):
-        loads = deck_of_lines(lines).problem().deformable.forces
-        total = np.sum([load.forces.sum(axis=0) for load in loads], axis=0)
+        total = loaded_nodes(deck_of_lines(lines).problem().deformable)[1].sum(axis=0)
         assert total == pytest.approx([0.0, 0.0, -3.0], abs=1e-12)
 
 

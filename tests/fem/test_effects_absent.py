@@ -14,11 +14,10 @@ from fem.explicit import block_frame, damping, solve, step
 from fem.system.body import placed_body
 from fem.system.effects import AdaptiveMassDamping, BulkViscosity, Effects, RayleighDamping
 from fem.system.forces import SmoothStepAmplitude
-from fem.system.model import fixed_nodes, nodal_load
 from fem.system.springs import springs_on
 from geometry.mesh import boundary_quads
 from tests.support.fem_problems import CONCRETE, distorted_box
-from tests.support.lone_bodies import lone_bodies
+from tests.support.lone_bodies import fixed_nodes, lone_bodies, nodal_load
 
 #: Functions of each effect: module, name. All are called from the loop over steps alone.
 FUNCTIONS: dict[str, tuple[tuple[Any, str], ...]] = {

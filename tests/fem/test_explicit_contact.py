@@ -22,7 +22,7 @@ from geometry.families.sine_block import SineBlockDivisions
 from geometry.families.tube import SineTube
 from geometry.loads import named_load
 from tests.support.blocks import random_rotation, tsb
-from tests.support.fem_problems import deformable_assembly, in_contact, matched_pressures
+from tests.support.fem_problems import deformable_assembly, in_contact, matched_pressures, still
 
 CONCRETE = Material(density=2.4e-9, young_modulus=33e3, poisson_ratio=0.2)
 
@@ -36,8 +36,7 @@ def random_displacements(deformable, size, seed=0):
     rng = np.random.default_rng(seed)
     groups = deformable.bodies
     result = tuple(size * rng.standard_normal((g.n_copies, g.n_nodes, 3)) for g in groups)
-    for support in deformable.supports:
-        result[support.group][support.copies, support.nodes] = 0.0
+    still(deformable, result)
     return result
 
 

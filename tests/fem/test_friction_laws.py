@@ -9,11 +9,10 @@ from fem.explicit.setup.timed_system import timed_system
 from fem.explicit.solve import solve
 from fem.system.effects import PAPER_RAYLEIGH, Effects
 from fem.system.forces import SmoothStepAmplitude, TabularAmplitude
-from fem.system.model import fixed_nodes
 from tests.support.answers import on_its_mesh
 from tests.support.fem_problems import in_contact
 from tests.support.floor import GRAVITY, block_on_floor
-from tests.support.lone_bodies import lone_bodies, with_supports
+from tests.support.lone_bodies import fixed_nodes, lone_bodies, with_supports
 from tests.support.sliding_plate import plate
 
 #: A block of 40 × 30 mm² pressed into the floor so far, on a linear law [mm, MPa/mm].

@@ -10,9 +10,7 @@ import pytest
 
 from fem.static.solve import StaticOptions, solve_static
 from fem.system.body import ModelError
-from fem.system.held import Held
-from fem.system.model import Support
-from geometry.mesh import FloatArray
+from fem.system.held import Held, joined
 from validation import load_case
 
 SLANTED = np.array([np.cos(0.6), np.sin(0.6), 0.0])
@@ -22,7 +20,8 @@ def rows(directions: Any, values: Any) -> Held:
     """Rows of node 2 that nothing moves."""
     n = len(values)
     direction = np.array(directions, dtype=np.float64).reshape(n, 3)
-    return Held(np.full(n, 2), direction, np.array(values), np.full(n, -1))
+    held = Held(np.full(n, 2), direction, np.array(values), np.full(n, -1))
+    return held.on(np.arange(4))
 
 
 def test_variables_are_the_prescribed_displacement_whatever_the_directions() -> None:
@@ -53,23 +52,20 @@ def test_rows_that_contradict_each_other_are_refused(values: tuple[float, ...]) 
         rows([y, SLANTED, y], (*values[:2], values[2] + 1e-3))
 
 
-def repeated(support: Support) -> Support:
-    """The same rows again, and one that leans."""
-    directions: FloatArray = np.where(
-        (support.directions == [1.0, 0.0, 0.0]).all(axis=1)[:, None], SLANTED, support.directions
-    )
-    return replace(support, directions=directions, displacement=directions @ [0.03, 0.0, 0.0])
-
-
 def test_supports_that_are_stated_again_change_nothing() -> None:
+    """All rows again, those along x of what moves along a slope."""
     deformable = load_case("shifted-boxes").problem.deformable
-    moving = [s for s in deformable.supports if s.displacement.any()]
-    still = [s for s in deformable.supports if not s.displacement.any()]
-    assert moving
-    assert still
-    assert moving[0].displacement.max() == pytest.approx(0.03)
-    supports = (*deformable.supports, *still, *map(repeated, moving))
-    again = replace(deformable, supports=supports)
+    held = deformable.supports
+    turns = deformable.assembly.rotations[deformable.block_of_node[held.row]]
+    moves = held.table >= 0
+    assert moves.any()
+    assert not moves.all()
+    assert held.value.max() == pytest.approx(0.03)
+    leaning = moves & np.isclose(np.einsum("nij,nj->ni", turns, held.direction)[:, 0], 1.0)
+    directions = np.where(leaning[:, None], SLANTED @ turns, held.direction)
+    values = np.where(leaning, 0.03 * SLANTED[0], held.value)
+    more = replace(held, direction=directions, value=values)
+    again = replace(deformable, supports=joined([held, more]))
     options = StaticOptions(tolerance=1e-10, motion_steps=2)
     once, twice = (solve_static(one, options) for one in (deformable, again))
     for a, b in zip(once.displacements, twice.displacements, strict=True):

@@ -24,7 +24,7 @@ from geometry.families.boxes import BrickStack
 from geometry.loads import CircumferentialLoad, LineLoad, LoadCase, PressureLoad, TractionLoad
 from geometry.mesh import FloatArray, QuadSurface, boundary_quads
 from geometry.parts.forces import NodeForces
-from tests.support.fem_problems import distorted_box
+from tests.support.fem_problems import distorted_box, loaded_nodes
 
 pytestmark = pytest.mark.quick
 
@@ -79,12 +79,8 @@ def test_circumferential_traction_has_constant_size_and_runs_counter_clockwise()
 
 def _resultant(problem: Problem) -> FloatArray:
     """Force and moment about the origin of all nodal forces, (6,) [N, N mm]."""
-    result = np.zeros(6)
-    for load in problem.deformable.forces:
-        body = problem.deformable.bodies[load.group]
-        at = body.reference_positions()[load.copies, load.nodes]
-        result += np.concatenate([load.forces.sum(axis=0), np.cross(at, load.forces).sum(axis=0)])
-    return result
+    at, forces = loaded_nodes(problem.deformable)
+    return np.concatenate([forces.sum(axis=0), np.cross(at, forces).sum(axis=0)])
 
 
 SINE = SineBlock(

@@ -146,9 +146,9 @@ def test_forces_and_moments_balance():
     rng = np.random.default_rng(2)
     groups = statement.bodies
     moved = tuple(5e-3 * rng.standard_normal((g.n_copies, g.n_nodes, 3)) for g in groups)
-    for support in statement.system.supports:
-        places = statement.places(support.group)[support.copies]
-        moved[support.group][places, support.nodes] = 0.0
+    for number, of in enumerate(moved):
+        place = statement.numbers(number)[statement.system.supports.row]
+        of.reshape(-1, 3)[place[place >= 0]] = 0.0
     state = initial_state(system, displacements=moved)
     for now in state.bodies:
         now.applied_force[:] = 0.0

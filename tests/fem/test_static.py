@@ -106,21 +106,16 @@ def test_patch_test_across_a_conforming_interface(element):
 
 def held_tangentially(model, shape):
     """Hold one corner along the two tangents of the slope, and a neighbour across."""
-    from fem.system.model import Support
+    from fem.system.held import held_at
 
     slope = np.array([1.0, 0.0, 0.3]) / np.hypot(1.0, 0.3)
     across = np.array([0.0, 1.0, 0.0])
     nodes = shape.mesh.nodes
     first = int(np.argmin(np.abs(nodes).sum(axis=1)))
     second = int(np.argmin(np.abs(nodes - [10.0, 0.0, 3.0]).sum(axis=1)))
-    support = Support(
-        group=0,
-        copies=np.zeros(3, dtype=np.int64),
-        nodes=np.array([first, first, second]),
-        directions=np.array([slope, across, across]),
-        displacement=np.zeros(3),
-    )
-    return dataclasses.replace(model, supports=(support,))
+    directions = np.array([slope, across, across]) @ model.assembly.rotations[1]
+    held = held_at(np.array([first, first, second]), directions)
+    return dataclasses.replace(model, supports=held)
 
 
 # ---------------------------------------------------------------------------------------------

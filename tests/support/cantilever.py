@@ -13,10 +13,9 @@ from fem.system.effects import (
     RayleighDamping,
 )
 from fem.system.forces import SmoothStepAmplitude
-from fem.system.model import fixed_nodes, nodal_load
 from geometry.block import box_block
 from tests.support.fem_problems import CONCRETE
-from tests.support.lone_bodies import lone_bodies
+from tests.support.lone_bodies import fixed_nodes, lone_bodies, nodal_load
 
 MESH = box_block((40.0, 8.0, 8.0), (6, 2, 2)).mesh
 

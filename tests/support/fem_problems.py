@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -118,3 +119,26 @@ def matched_pressures(
     """Pressures [MPa] and overclosures [mm] of matched facets, (n_facets, n_points) each."""
     state, shape = contact_state(deformable, displacements), deformable.surfaces.weights.shape
     return state.point_pressures.reshape(shape), state.point_overclosures.reshape(shape)
+
+
+def loaded_nodes(system: System) -> tuple[FloatArray, FloatArray]:
+    """Nodes of all blocks that deform and the loads on them, without weight, world axes.
+
+    (n_nodes, 3) [mm] and alike [N]
+    """
+    pairs = zip(system.bodies, system.forces_in_frames(weight=False), strict=True)
+    places, forces = zip(
+        *((b.reference_positions(), f @ b.rotations.transpose(0, 2, 1)) for b, f in pairs),
+        strict=True,
+    )
+    return tuple(np.concatenate([a.reshape(-1, 3) for a in of]) for of in (places, forces))
+
+
+def still(system: System, displacements: Sequence[FloatArray]) -> None:
+    """Set displacements of each body, (n_copies, n_nodes, 3), to zero at supported nodes."""
+    start = 0
+    for of in displacements:
+        flat = of.reshape(-1, 3)
+        row = system.supports.row - start
+        flat[row[(row >= 0) & (row < len(flat))]] = 0.0
+        start += len(flat)

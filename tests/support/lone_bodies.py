@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -13,16 +13,74 @@ from fem.contact.surfaces import contact_surfaces
 from fem.explicit.timed import TimedSystem
 from fem.system.body import Body
 from fem.system.effects import Effects
-from fem.system.model import InteractionModel, NodalLoad, Support
+from fem.system.forces import Amplitude, ForceRows
+from fem.system.held import Held, held_at, joined
 from fem.system.system import Contact, System
+from fem.system.time_step import InteractionModel
 from geometry.assembly import Assembly
 from geometry.block import Block
+from geometry.mesh import FloatArray, IntArray
+
+#: Rows of a system, from its bodies.
+Support = Callable[[Sequence[Body]], Held]
+Load = Callable[[Sequence[Body]], ForceRows]
+
+
+def rows_of(bodies: Sequence[Body], group: int, copies: IntArray, nodes: IntArray) -> IntArray:
+    """Numbers of nodes of copies of a body among those of all copies."""
+    before = sum(body.n_copies * body.n_nodes for body in bodies[:group])
+    rows: IntArray = before + copies * bodies[group].n_nodes + nodes
+    return rows
+
+
+def fixed_nodes(
+    group: int,
+    nodes: IntArray,
+    *,
+    copies: Sequence[int] | IntArray = (0,),
+    components: tuple[int, ...] = (0, 1, 2),
+    axes: FloatArray | None = None,
+    displacement: FloatArray | None = None,
+    amplitude: Amplitude | None = None,
+) -> Support:
+    """Hold nodes of copies of a body along some of the axes, world, or move them [mm]."""
+
+    def held(bodies: Sequence[Body]) -> Held:
+        grid = np.meshgrid(copies, nodes, components, indexing="ij")
+        of, node, component = (array.ravel() for array in grid)
+        along = (np.eye(3) if axes is None else axes)[component]
+        local = np.einsum("nij,ni->nj", bodies[group].rotations[of], along)
+        values = along @ (np.zeros(3) if displacement is None else displacement)
+        return held_at(rows_of(bodies, group, of, node), local, values, amplitude=amplitude)
+
+    return held
+
+
+def nodal_load(
+    group: int,
+    forces: FloatArray,
+    *,
+    copies: Sequence[int] | IntArray = (0,),
+    amplitude: Amplitude | None = None,
+    follows_block: bool = False,
+) -> Load:
+    """Forces on the nodes of all copies (n_nodes, 3), or each (n, n_nodes, 3), world axes [N]."""
+
+    def load(bodies: Sequence[Body]) -> ForceRows:
+        dense = np.broadcast_to(forces, (len(copies), *np.shape(forces)[-2:]))
+        k, node = np.nonzero(np.any(dense != 0.0, axis=2))
+        of = np.asarray(copies)[k]
+        local = np.einsum("nij,ni->nj", bodies[group].rotations[of], dense[k, node])
+        rows = rows_of(bodies, group, of, node)
+        return ForceRows(rows, local, amplitude, follows_block)
+
+    return load
 
 
 def lone_bodies(
     bodies: Sequence[Body],
     supports: Sequence[Support] = (),
-    loads: Sequence[NodalLoad] = (),
+    loads: Sequence[Load] = (),
     effects: Effects | None = None,
     interactions: Sequence[InteractionModel] = (),
 ) -> TimedSystem:
@@ -47,8 +105,8 @@ def lone_bodies(
         offsets=np.zeros((n, 3)),
         surfaces=contact_surfaces(assembly, np.zeros((n, 3)), clearance=0.0),
         contact=Contact(ExponentialLaw(), ContactNormals.CURRENT),
-        supports=tuple(supports),
-        forces=tuple(loads),
+        supports=joined([support(bodies) for support in supports]),
+        forces=tuple(load(bodies) for load in loads),
         gravity=None if effects is None else effects.gravity,
     )
     blocks = tuple(np.flatnonzero(body_of == number) for number in range(len(bodies)))
@@ -57,4 +115,6 @@ def lone_bodies(
 
 def with_supports(stated: TimedSystem, *supports: Support) -> TimedSystem:
     """The same with other supports."""
-    return replace(stated, system=replace(stated.system, supports=supports))
+    bodies = stated.system.bodies
+    held = joined([support(bodies) for support in supports])
+    return replace(stated, system=replace(stated.system, supports=held))

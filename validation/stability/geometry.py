@@ -11,7 +11,8 @@ from fem.element.hexahedron import ElementType
 from fem.element.kinds import block_stiffness
 from fem.element.material import Material
 from fem.static.solve import solve_static
-from fem.system.model import fixed_nodes, nodal_load
+from fem.system.forces import ForceRows
+from fem.system.held import joined
 from geometry.block import box_block
 from geometry.errors import RefusedError
 from geometry.families.sine_block import TSB1
@@ -22,6 +23,7 @@ from validation.stability.problems import (
     BRICK,
     CONCRETE,
     deformable,
+    held_nodes,
     one_block,
     pressed,
     relative,
@@ -87,14 +89,17 @@ def incompressible() -> Verdict:
     rubber = Material(density=1e-9, young_modulus=10.0, poisson_ratio=0.4999)
     block = box_block((10.0, 10.0, 10.0), (2, 2, 2))
     mesh, pressure = block.mesh, 0.01
-    sides = fixed_nodes(0, np.arange(mesh.n_nodes), components=(0, 1))
-    bottom = fixed_nodes(0, np.flatnonzero(mesh.nodes[:, 2] == 0.0), components=(2,))
+    every = np.arange(mesh.n_nodes)
+    sides, bottom = held_nodes(every, 0, 1), held_nodes(every[mesh.nodes[:, 2] == 0.0], 2)
     top = np.flatnonzero(mesh.nodes[:, 2] == 10.0)
     share = np.zeros((mesh.n_nodes, 3))
     # Equal facets: corners, edges, centre of the face carry 1, 2, 4 sixteenths.
     inside = ((mesh.nodes[top, :2] > 0.0) & (mesh.nodes[top, :2] < 10.0)).sum(axis=1)
     share[top, 2] = -pressure * 100.0 * 2.0**inside / 16.0
-    given: Any = {"supports": (sides, bottom), "forces": (nodal_load(0, share),)}
+    given: Any = {
+        "supports": joined([sides, bottom]),
+        "forces": (ForceRows(every, share),),
+    }
     expected, checks = pressure * 10.0 / rubber.constrained_modulus, list[Number]()
     for kind in ElementType:
         result = solve_static(one_block(block, rubber, element=kind, **given))
@@ -108,13 +113,13 @@ def _deflection(divisions: tuple[int, int, int], element: ElementType, ratio: fl
     """Tip deflection of a clamped bar over that of Euler's beam, which knows no ν."""
     block = box_block((100.0, 10.0, 10.0), divisions)
     mesh = block.mesh
-    held = fixed_nodes(0, np.flatnonzero(mesh.nodes[:, 0] == 0.0))
+    held = held_nodes(np.flatnonzero(mesh.nodes[:, 0] == 0.0))
     tip = np.flatnonzero(mesh.nodes[:, 0] == 100.0)
     force = np.zeros((mesh.n_nodes, 3))
     force[tip, 2] = 1.0 / len(tip)
     material = Material(density=1e-9, young_modulus=1000.0, poisson_ratio=ratio)
-    forces = (nodal_load(0, force),)
-    stated = one_block(block, material, element=element, supports=(held,), forces=forces)
+    forces = (ForceRows(np.arange(mesh.n_nodes), force),)
+    stated = one_block(block, material, element=element, supports=held, forces=forces)
     result = solve_static(stated)
     beam = 100.0**3 / (3.0 * 1000.0 * 10.0**4 / 12.0)
     return float(result.displacements[0][0, tip, 2].mean()) / beam

@@ -16,11 +16,10 @@ from fem.element.kinds import block_lumped_mass, block_stiffness
 from fem.element.material import Material
 from fem.explicit.setup.timed_system import timed_system
 from fem.explicit.solve import solve
-from fem.system.model import fixed_nodes
 from geometry.block import box_block
 from geometry.mesh import FloatArray
 from validation.stability.case import Number, Verdict, case, judged
-from validation.stability.problems import one_block
+from validation.stability.problems import held_nodes, one_block
 
 #: Long, slender, and without Poisson's ratio, so that the clamped end has no singular stress.
 SIZE = (200.0, 20.0, 20.0)
@@ -70,8 +69,8 @@ def phase_errors(fractions: tuple[float, ...]) -> list[float]:
     """
     bar = box_block(SIZE, (20, 2, 2))
     omega, mode = cantilever_frequency(2, ElementType.INCOMPATIBLE)
-    held = fixed_nodes(0, np.flatnonzero(bar.mesh.nodes[:, 0] == 0.0))
-    model = timed_system(one_block(bar, MATERIAL, supports=(held,)), ramp_time=0.0, end_time=1.0)
+    held = held_nodes(np.flatnonzero(bar.mesh.nodes[:, 0] == 0.0))
+    model = timed_system(one_block(bar, MATERIAL, supports=held), ramp_time=0.0, end_time=1.0)
     start = 1e-3 * mode / np.abs(mode).max()
     # The error of the phase grows with time: six periods make it well larger than round-off.
     periods = 6.25

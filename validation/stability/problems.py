@@ -12,7 +12,8 @@ from fem.contact.normals import ContactNormals
 from fem.element.hexahedron import ElementType
 from fem.element.material import Material
 from fem.problem import Problem
-from fem.system.model import NodalLoad, Support
+from fem.system.forces import ForceRows
+from fem.system.held import NOT_HELD, Held, held_at
 from fem.system.system import System
 from geometry.assembly import Assembly
 from geometry.block import Block
@@ -20,7 +21,7 @@ from geometry.families.boxes import BrickStack
 from geometry.families.sine_block import TSB1, SineBlockDivisions
 from geometry.families.tube import SineTube
 from geometry.loads import LoadCase, face_pressure
-from geometry.mesh import FloatArray
+from geometry.mesh import FloatArray, IntArray
 
 CONCRETE = Material(density=2.4e-9, young_modulus=30_000.0, poisson_ratio=0.2)
 #: Without lateral contraction a pressed stack is one-dimensional: closed forms are exact.
@@ -77,8 +78,8 @@ def one_block(
     material: Material = CONCRETE,
     *,
     element: ElementType = ElementType.INCOMPATIBLE,
-    supports: tuple[Support, ...] = (),
-    forces: tuple[NodalLoad, ...] = (),
+    supports: Held = NOT_HELD,
+    forces: tuple[ForceRows, ...] = (),
 ) -> System:
     """A block that meets nothing, with supports and forces on its nodes."""
     none = np.zeros(1, dtype=np.int64)
@@ -94,6 +95,12 @@ def one_block(
     load = LoadCase(alone, "forces", (), alone.fixed)
     stated = deformable(alone, load, material=material, element=element)
     return replace(stated, supports=supports, forces=forces)
+
+
+def held_nodes(nodes: IntArray, *components: int) -> Held:
+    """Hold nodes of `one_block` along some axes, by default all."""
+    along = np.eye(3)[list(components) or [0, 1, 2]]
+    return held_at(np.repeat(nodes, len(along)), np.tile(along, (len(nodes), 1)))
 
 
 def relative(value: FloatArray | float, expected: FloatArray | float) -> float:

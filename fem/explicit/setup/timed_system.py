@@ -189,7 +189,7 @@ def _orbits(
 
 def _end_of_motion(deformable: System, ramp: float) -> float:
     """When supports that move have arrived [s]; 0 without any."""
-    moving = [s.amplitude for s in deformable.supports if s.displacement.any()]
+    moving = deformable.supports.tables
     if ramp <= 0.0 and any(share is ALL_THE_WAY for share in moving):
         raise TimeStepError(
             "ramp_time: got 0 with a support that moves; expected the time of its smooth "
@@ -259,10 +259,8 @@ def _in_time(system: System, ramp: float) -> System:
     if ramp <= 0.0:
         return system
     amplitude = SmoothStepAmplitude(ramp)
-    supports = tuple(
-        replace(s, amplitude=amplitude) if s.amplitude is ALL_THE_WAY else s
-        for s in system.supports
-    )
+    tables = (amplitude if of is ALL_THE_WAY else of for of in system.supports.tables)
+    supports = replace(system.supports, tables=tuple(tables))
     forces = tuple(replace(load, amplitude=amplitude) for load in system.forces)
     return replace(system, supports=supports, forces=forces)
 
