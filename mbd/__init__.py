@@ -23,11 +23,11 @@ What most need::
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-from mbd.analysis import RigidResult
 from mbd.answer import analyse, stages
 from mbd.contacts.jacobian import contact_jacobian
 from mbd.frictionless.mechanism import MechanismClass
 from mbd.options import FrictionLaw, Norm, Rigid, Solver, Stages
+from mbd.results.result import RigidResult
 
 if TYPE_CHECKING:
     from mbd.building.take_out import take_out

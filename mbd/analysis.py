@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, replace
-from functools import cached_property
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Protocol, cast
 
 import numpy as np
@@ -15,34 +14,24 @@ from geometry.errors import RefusedError
 from geometry.loads import LoadCase
 from geometry.machine.system import one_thread_of_blas
 from geometry.machine.work import budget, clock, require_memory
-from geometry.mesh import FloatArray, IntArray, ReadOnlyArrays
-from geometry.parts.measures import (
-    BlockMeasures,
-    JointResultants,
-    Measures,
-    facet_measures,
-    joint_resultants,
-)
+from geometry.mesh import FloatArray
 from geometry.parts.pairs import OfPairs
 from geometry.parts.placed import AnyBlocks, PlacedBlocks
 from geometry.parts.rows import Notes, Part, Row
-from geometry.polyhedra.bare_contacts import CROSSING_EDGES, STANDING_CORNER
 from mbd.contacts.jacobian import Contacts, contact_jacobian
 from mbd.frictionless.equilibrium import Equilibrium, column_weights, equilibrium
 from mbd.frictionless.mechanism import (
     MANY_BLOCKS,
-    Classification,
-    MechanismClass,
     classify,
 )
 from mbd.options import Norm, Rigid, Solver
-from mbd.results.verdict import EdgesAndCorners, Verdict
+from mbd.results.result import RigidResult
+from mbd.results.verdict import EdgesAndCorners
 
 if TYPE_CHECKING:
     from geometry.polyhedra.assembly import PolyhedralAssembly
     from mbd.friction.equilibrium import CollapseLoad
     from mbd.limits.pushes import Push
-    from mbd.results.parts import Friction
 
 
 #: Memory of a contact of a tube with its loads, as measured: without friction …
@@ -53,169 +42,6 @@ _PROGRAM_BYTES = 2200.0
 _CONE_BYTES = 7600.0
 #: Stage of all that is found beside the equilibrium without friction.
 BESIDE = "friction and limits"
-
-
-@dataclass(frozen=True)
-class RigidResult(ReadOnlyArrays):
-    """Everything the rigid-block analysis of one assembly under one load found."""
-
-    classification: Classification
-    """Class with every frame block held, as the paper classifies, with its certificate."""
-    supported_classification: Classification
-    """Class with the supports of the load case; differs only where it releases a frame."""
-    equilibrium: Equilibrium
-    """Contact forces, residual, load-activated mechanism if there is one, status."""
-    measures: Measures | None
-    """The paper's measures; None where there is no equilibrium."""
-    per_block: BlockMeasures | None
-    """The same for each free block, in the order of `measured_blocks`."""
-    measured_blocks: IntArray
-    """Blocks that the measures average over: all outside the frame; (n,)."""
-    contact_index: IntArray
-    """Position of each contact in the assembly's interfaces, (n_contacts,)."""
-    contact_forces: FloatArray
-    """λ >= 0, (n_contacts,) [N]."""
-    contact_pressures: FloatArray
-    """λ / A, (n_contacts,) [MPa]."""
-    norm: Norm
-    """What the contact forces minimise."""
-    n_blocks: int
-    """Blocks free to move under the load."""
-    cpu_seconds: dict[str, float]
-    """CPU time: interfaces, jacobian, mechanism, equilibrium, measures, `BESIDE` [s]."""
-    blocks: AnyBlocks = field(repr=False)
-    """What was analysed …"""
-    load: LoadCase = field(repr=False)
-    """… under which loads and supports, weight included."""
-    parts: Mapping[str, Part] = field(default_factory=dict)
-    """What was found beside, by name."""
-
-    @property
-    def mechanism(self) -> MechanismClass:
-        """Class with every frame block held."""
-        return self.classification.mechanism
-
-    @property
-    def n_contacts(self) -> int:
-        """Contacts that touch at least one free block."""
-        return len(self.contact_forces)
-
-    @property
-    def friction(self) -> Friction | None:
-        """What friction adds; None without it."""
-        return cast("Friction | None", self.parts.get("friction"))
-
-    @property
-    def holds(self) -> bool:
-        """Whether forces balance the load: with friction, where there is some."""
-        return self.equilibrium.holds if self.friction is None else self.friction.holds
-
-    @property
-    def of_load(self) -> bool:
-        """Whether the load itself brings forces about that balance it, as far as is known."""
-        return self.holds and not (self.friction is not None and self.friction.needs_squeeze)
-
-    @property
-    def verdict(self) -> Verdict:
-        """Verdict on the load."""
-        friction = self.friction
-        found = self.equilibrium if friction is None else friction.equilibrium
-        holds = False if found.mechanism is not None else found.holds or None
-        pressed = None if friction is None else friction.squeeze
-        return Verdict(self.mechanism, holds, False if pressed is None else pressed.needed)
-
-    @property
-    def edges_and_corners(self) -> EdgesAndCorners | None:
-        """Verdicts with edges and corners; None where there are none."""
-        return cast("EdgesAndCorners | None", self.parts.get("edges_and_corners"))
-
-    @property
-    def edges(self) -> str:
-        """The same in words, after a semicolon; empty: nothing."""
-        words = "" if self.edges_and_corners is None else self.edges_and_corners.words
-        return f"; {words}" if words else ""
-
-    @property
-    def words(self) -> str:
-        """The answer as a headline says it: locked, carried or not carried."""
-        if self.friction is not None:
-            words = self.friction.words
-        elif self.supported_classification.locked:
-            words = "locked"
-        elif not self.load.wrenches.any():
-            words = "not locked, and nothing acts"
-        else:
-            words = f"{self.verdict.carried} without friction"
-        return words + self.edges
-
-    @property
-    def driven(self) -> FloatArray | None:
-        """Mechanism that the load drives, (n_rows,), where it is not carried."""
-        found = self.equilibrium if self.friction is None else self.friction.equilibrium
-        return found.mechanism
-
-    @property
-    def moving(self) -> FloatArray | None:
-        """How blocks move where the load does not bring them to rest, proved or not; (n_rows,)."""
-        friction, balance = self.friction, self.equilibrium
-        if self.driven is not None or friction is None:
-            return balance.motion if self.driven is None else self.driven
-        pressed = friction.squeeze
-        return friction.equilibrium.motion if pressed is None else pressed.motion
-
-    @cached_property
-    def forces(self) -> FloatArray:
-        """On block s of each contact, zero where nothing holds; (n_contacts, 3) [N]."""
-        if self.friction is not None:
-            given = self.friction.forces
-            return np.zeros((self.n_contacts, 3)) if given is None else given
-        normals = self.blocks.interfaces.normals[self.contact_index]
-        return (self.contact_forces * self.holds)[:, None] * normals
-
-    @cached_property
-    def normal_forces(self) -> FloatArray:
-        """Part of `forces` along the normals, (n_contacts,) [N]."""
-        if self.friction is None:
-            return self.contact_forces * self.holds
-        normals = self.blocks.interfaces.normals[self.contact_index]
-        return np.asarray(np.maximum(np.einsum("ni,ni->n", self.forces, normals), 0.0))
-
-    @cached_property
-    def shown_measures(self) -> Measures | None:
-        """The paper's measures of `normal_forces`; None where no joint presses."""
-        if not self.holds or not self.normal_forces.any():
-            return None
-        if self.friction is None:
-            return self.measures
-        pressures = self.normal_forces / self.blocks.interfaces.areas[self.contact_index]
-        return facet_measures(self.blocks, self.contact_index, pressures)[1]
-
-    @cached_property
-    def joints(self) -> JointResultants:
-        """Resultants of the forces between each two blocks."""
-        index, found, centroids = self.contact_index, self.blocks.interfaces, None
-        if not isinstance(self.blocks, Assembly):
-            pairs = np.unique(np.column_stack([found.block_m[index], found.block_s[index]]), axis=0)
-            centroids = cast("PolyhedralAssembly", self.blocks).joint_centroids(pairs)
-        return joint_resultants(found, index, self.forces, centroids)
-
-    @cached_property
-    def patch_pressures(self) -> FloatArray:
-        """Mean pressure of each flat patch, of elements each facet; 0: nothing; (n,) [MPa]."""
-        if isinstance(self.blocks, Assembly):
-            pressures = np.zeros(self.blocks.interfaces.n_contacts)
-            pressures[self.contact_index] = self.normal_forces
-            return pressures / self.blocks.interfaces.areas
-        found = cast("PolyhedralAssembly", self.blocks).interfaces
-        return found.patch_pressures(self.contact_index, self.normal_forces)
-
-    @property
-    def bare_contacts(self) -> dict[int, int]:
-        """Number of contacts without area of each kind; of solids alone."""
-        if isinstance(self.blocks, Assembly):
-            return {}
-        patch = cast("PolyhedralAssembly", self.blocks).interfaces.patch
-        return {kind: int((patch == kind).sum()) for kind in (CROSSING_EDGES, STANDING_CORNER)}
 
 
 class Coulomb(Protocol):
@@ -454,13 +280,11 @@ def _settled(
     found: Equilibrium, blocks: AnyBlocks, contacts: Contacts, load: FloatArray, weights: FloatArray
 ) -> Equilibrium:
     """Decide by a growing load where neither forces nor a mechanism are proved."""
-    from mbd.friction.equilibrium import FrictionalEquilibrium, frictional_contacts
+    from mbd.friction.equilibrium import frictional_contacts, without_shear
     from mbd.friction.loading import settled
 
     smooth = frictional_contacts(blocks, contacts, 0.0)
-    before = np.column_stack([found.forces, np.zeros((len(found.forces), 2))])
-    undecided = FrictionalEquilibrium(forces=before, residual=found.residual, status=found.status)
-    rests = settled(undecided, smooth, load, weights)
+    rests = settled(without_shear(found), smooth, load, weights)
     return replace(
         found,
         holds=rests.holds,
@@ -493,7 +317,6 @@ def frictionless_result(
     balance = equilibrium(contacts.jacobian, force, solver=solver, weights=weights)
     if not balance.holds and balance.mechanism is None:
         balance = _settled(balance, assembly, contacts, force, weights)
-    pressures = balance.forces / contacts.areas
     lap("equilibrium")
     many = len(contacts.free_blocks) > MANY_BLOCKS
     supported = framed = classify(contacts.jacobian, force, balance if many else None)
@@ -501,23 +324,13 @@ def frictionless_result(
         held = contact_jacobian(assembly, supports=load.held)
         framed = classify(held.jacobian, held.rows(load.wrenches))
     lap("mechanism")
-    per_block, overall = None, None
-    if balance.holds:
-        per_block, overall = facet_measures(assembly, contacts.index, pressures)
-    lap("measures")
     seconds["total"] = sum(seconds.values())
     return RigidResult(
         classification=framed,
         supported_classification=supported,
         equilibrium=balance,
-        measures=overall,
-        per_block=per_block,
-        measured_blocks=assembly.free_blocks,
         contact_index=contacts.index,
-        contact_forces=balance.forces,
-        contact_pressures=pressures,
         norm=norm,
-        n_blocks=len(contacts.free_blocks),
         cpu_seconds=seconds,
         blocks=assembly,
         load=load,

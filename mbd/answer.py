@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass, replace
-from functools import cached_property
+from dataclasses import asdict, replace
 from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
@@ -24,7 +23,6 @@ from geometry.answer import (
 from geometry.assembly import Assembly
 from geometry.loads import LoadCase
 from geometry.mesh import FloatArray, IntArray
-from geometry.parts.balance import Imbalance, Reactions, imbalance, of_fixed_blocks, together
 from geometry.parts.dimensions import Built, dimensions
 from geometry.parts.measures import (
     JointResultants,
@@ -37,12 +35,9 @@ from geometry.parts.measures import (
 )
 from geometry.parts.placed import AnyBlocks
 from geometry.polyhedra.bare_contacts import CROSSING_EDGES, STANDING_CORNER
-from mbd.analysis import AnalysisError, RigidResult, RigidStatement, as_statement, rigid_result
-from mbd.contacts.jacobian import contact_wrenches
-from mbd.contacts.supports import support_wrenches
-from mbd.frictionless.mechanism import Mechanism
+from mbd.analysis import AnalysisError, RigidStatement, as_statement, rigid_result
 from mbd.options import Rigid, Stages
-from mbd.results.motion import placed_motion
+from mbd.results.result import RigidResult
 from mbd.results.rows import rigid_rows
 
 if TYPE_CHECKING:
@@ -170,136 +165,79 @@ def _construction(
 
 def _answer(stated: RigidStatement, result: RigidResult) -> Answer:
     """Make the answer of a rigid result."""
-    assembly, load = result.blocks, result.load
-    arrays = Lazy(_arrays(assembly))
-    motion = block_motion(result)
-    fields: dict[str, Callable[[], Array]] = {}
+    assembly, motion = result.blocks, result.block_motion
+    arrays, fields = Lazy(_arrays(assembly)), dict[str, Callable[[], Array]]()
     if motion is not None:
-        moving = motion
         fields["mechanism"] = lambda: _node_motion(
-            assembly, moving, arrays["points"], arrays["block_of_point"]
+            assembly, motion, arrays["points"], arrays["block_of_point"]
         )
-    moves = result.parts.get("motion")
-    first = f"; {cast('Motion', moves).first}" if moves else ""
-    found = _Found(assembly, load, result)
-    measures = found.measures()
-    measures |= _crushing(stated.compressive_strength, measures)
+    moves = cast("Motion | None", result.parts.get("motion"))
+    first = f"; {moves.first}" if moves else ""
+    contacts = Contacts(Lazy(_contacts(result) if result.holds else {}))
     return Answer(
         title=f"{assembly.name}: rigid blocks, {result.words}{first}",
         method="rigid",
-        measures=known(measures),
+        measures=known(_measures(result, contacts, stated.compressive_strength)),
         fields=Lazy(fields),
         arrays=arrays,
-        contacts=found.contacts,
-        reported=found.report,
+        contacts=contacts,
+        reported=lambda: _report(result),
         details=result,
         problem=stated,
-        cut=found.sections,
+        cut=lambda planes: _sections(result, planes),
         parts={**result.parts, "dimensions": Built(lambda: dimensions(assembly))},
         tabled=rigid_rows,
     )
 
 
-def _crushing(strength: float | None, measures: dict[str, Measure]) -> dict[str, Measure]:
-    """Factor of all loads at which the largest mean pressure of a facet is the strength [MPa].
+def _sections(result: RigidResult, cut: Planes) -> SectionForces:
+    """Sum the forces of the joints between blocks on both sides of planes."""
+    if not result.holds:
+        raise SectionError("section: nothing carries the load: there are no forces")
+    if getattr(result.blocks, "image_of", None) is not None:
+        raise SectionError("section: a periodic cell is a part of a section; cut the tube")
+    return sections_through_joints(result.joints, result.blocks.centroids, cut)
 
-    Rigid contact forces are proportional to the loads. Nothing without a strength.
-    """
-    peak = measures.get("p_max_facet")
-    if strength is None or peak is None or peak.place is None or not peak.value > 0.0:
+
+def _paper(result: RigidResult) -> Measures | None:
+    """The paper's measures, which are means over facets that match."""
+    return result.shown_measures if isinstance(result.blocks, Assembly) else None
+
+
+def _measures(
+    result: RigidResult, contacts: Contacts, strength: float | None
+) -> dict[str, Measure]:
+    """Pressures, joint forces and reaction; none where nothing balances the load."""
+    pressed, paper = result.forces.any(), _paper(result)
+    if not result.holds or not (pressed or result.reaction.any()):
         return {}
-    place = {**peak.place, "stress": "p_max_facet"}
-    return {"crushing_factor": Measure(strength / peak.value, "times the load", place=place)}
+    found: dict[str, Measure] = {}
+    if contacts and pressed:
+        found["p_max_facet"] = largest_facet_mean(result.blocks, contacts)
+    if paper is not None:
+        found["p_max"] = Measure(paper.p_max, "MPa")
+        found["p_eff"] = Measure(paper.p_eff, "MPa")
+    found |= _joint_extremes(result.blocks, result.joints)
+    found["total_reaction"] = Measure(float(np.linalg.norm(result.reaction)), "N")
+    # Rigid contact forces are proportional to the loads: a factor of all of them.
+    peak = found.get("p_max_facet")
+    if strength is not None and peak is not None and peak.place is not None and peak.value > 0.0:
+        where = {**peak.place, "stress": "p_max_facet"}
+        factor = Measure(strength / peak.value, "times the load", place=where)
+        found["crushing_factor"] = factor
+    return found
 
 
-@dataclass(frozen=True)
-class _Found:
-    """What follows from the contact forces that are shown."""
-
-    assembly: AnyBlocks
-    load: LoadCase
-    result: RigidResult
-
-    @cached_property
-    def contacts(self) -> Contacts:
-        """`Answer.contacts`; nothing where nothing balances the load."""
-        index = self.result.contact_index
-        makers = _contacts(self.assembly, index, self.result) if self.result.holds else {}
-        return Contacts(Lazy(makers))
-
-    @cached_property
-    def supports(self) -> tuple[Reactions, FloatArray]:
-        """Supports by name, and what they do to each block: `support_wrenches`."""
-        index, forces = self.result.contact_index, self.result.forces
-        on_blocks = contact_wrenches(self.assembly, index, forces) if self.load.held else 0.0
-        return support_wrenches(self.assembly, self.load, self.load.wrenches + on_blocks)
-
-    @cached_property
-    def reactions(self) -> dict[str, dict[str, Any]]:
-        """Resultants of supports and fixed blocks by name."""
-        return self.held.as_json()
-
-    @cached_property
-    def held(self) -> Reactions:
-        """Supports, and fixed blocks less what their supports take."""
-        fixed, others = np.flatnonzero(self.load.fixed), self.load.wrenches + self.supports[1]
-        joints = of_fixed_blocks(self.assembly, self.result.joints, fixed, others)
-        return together(self.supports[0], joints)
-
-    def _balance(self) -> dict[str, Any]:
-        reactions = {"reactions": self.reactions} if self.reactions else {}
-        return {"imbalance": self.imbalance.as_json(), **reactions}
-
-    @cached_property
-    def imbalance(self) -> Imbalance:
-        """What joints, loads and supports leave on a free block."""
-        own = self.assembly.originals == np.arange(self.assembly.n_blocks)
-        free, others = np.flatnonzero(own & ~self.load.fixed), self.load.wrenches + self.supports[1]
-        return imbalance(
-            self.assembly,
-            self.result.joints,
-            acting=self.load.acting,
-            others=others,
-            centres=self.assembly.centroids,
-            free=free,
-        )
-
-    @property
-    def reaction(self) -> FloatArray:
-        """Force of fixed blocks and supports, against all loads and weight, (3,) [N]."""
-        return self.held.forces.sum(axis=0)
-
-    def sections(self, cut: Planes) -> SectionForces:
-        """Sum the forces of the joints between blocks on both sides of planes."""
-        if not self.result.holds:
-            raise SectionError("section: nothing carries the load: there are no forces")
-        if getattr(self.assembly, "image_of", None) is not None:
-            raise SectionError("section: a periodic cell is a part of a section; cut the tube")
-        return sections_through_joints(self.result.joints, self.assembly.centroids, cut)
-
-    @property
-    def paper(self) -> Measures | None:
-        """The paper's measures, which are means over facets that match."""
-        return self.result.shown_measures if isinstance(self.assembly, Assembly) else None
-
-    def measures(self) -> dict[str, Measure]:
-        """Pressures, joint forces and reaction; none where nothing balances the load."""
-        pressed = self.result.forces.any()
-        if not self.result.holds or not (pressed or self.reaction.any()):
-            return {}
-        result: dict[str, Measure] = {}
-        if self.contacts and pressed:
-            result["p_max_facet"] = largest_facet_mean(self.assembly, self.contacts)
-        if self.paper is not None:
-            result["p_max"] = Measure(self.paper.p_max, "MPa")
-            result["p_eff"] = Measure(self.paper.p_eff, "MPa")
-        result |= _joint_extremes(self.assembly, self.result.joints)
-        return result | {"total_reaction": Measure(float(np.linalg.norm(self.reaction)), "N")}
-
-    def report(self) -> Lazy[Any]:
-        """What the analysis says of itself, as plain data."""
-        result, balance, holds = self.result, self.result.equilibrium, self.result.holds
-        evidence = {
+def _report(result: RigidResult) -> Lazy[Any]:
+    """What the analysis says of itself, as plain data."""
+    balance, holds, paper = result.equilibrium, result.holds, _paper(result)
+    forces: dict[str, Any] = {}
+    if holds:
+        forces = {"imbalance": result.imbalance.as_json()}
+        if reactions := result.reactions.as_json():
+            forces["reactions"] = reactions
+    return known(
+        {
             "mechanism": str(result.mechanism),
             "mechanism_as_supported": str(result.supported_classification.mechanism),
             "certificate": result.classification.as_json()["certificate"],
@@ -312,42 +250,43 @@ class _Found:
             "norm": str(result.norm),
             "answer": result.words,
             "carried": holds,
-            **({} if self.paper is None else {"contact": asdict(self.paper)}),
-            "reaction": self.reaction.tolist() if holds else None,
-            "joints": self.result.joints.as_json() if self.result.holds else [],
-            **(self._balance() if self.result.holds else {}),
+            **({} if paper is None else {"contact": asdict(paper)}),
+            "reaction": result.reaction.tolist() if holds else None,
+            "joints": result.joints.as_json() if holds else [],
+            **forces,
             "units": REPORT_UNITS,
-            "rotation_length": self.assembly.characteristic_length,
-            "free_blocks": np.flatnonzero(~self.load.fixed).tolist(),
+            "rotation_length": result.blocks.characteristic_length,
+            "free_blocks": np.flatnonzero(~result.load.fixed).tolist(),
             "n_blocks": result.n_blocks,
             "n_contacts": result.n_contacts,
             "cpu_seconds": result.cpu_seconds,
-            **self._solids(),
+            **_solids(result),
         }
-        return known(evidence)
+    )
 
-    def _solids(self) -> dict[str, Any]:
-        """What solids alone have, whose contacts are points on flat patches."""
-        if isinstance(self.assembly, Assembly):
-            return {}
-        solids, result = cast("PolyhedralAssembly", self.assembly), self.result
-        patches, bare = solids.interfaces.patches, result.bare_contacts
 
-        def largest(values: FloatArray) -> float | None:
-            return float(values.max(initial=0.0)) if result.holds else None
+def _solids(result: RigidResult) -> dict[str, Any]:
+    """What solids alone have, whose contacts are points on flat patches."""
+    if isinstance(result.blocks, Assembly):
+        return {}
+    solids = cast("PolyhedralAssembly", result.blocks)
+    patches, bare = solids.interfaces.patches, result.bare_contacts
 
-        return {
-            "interlocked": result.classification.locked,
-            "largest_contact_force": largest(result.normal_forces),
-            "largest_patch_pressure": largest(result.patch_pressures),
-            "n_patches": len(patches.areas),
-            "n_points_without_area": sum(bare.values()),
-            "n_crossing_edges": bare[CROSSING_EDGES],
-            "n_standing_corners": bare[STANDING_CORNER],
-            "contact_area": float(patches.areas.sum()),
-            "tolerance": solids.tolerance,
-            **({"block_names": list(solids.names)} if solids.names else {}),
-        }
+    def largest(values: FloatArray) -> float | None:
+        return float(values.max(initial=0.0)) if result.holds else None
+
+    return {
+        "interlocked": result.classification.locked,
+        "largest_contact_force": largest(result.normal_forces),
+        "largest_patch_pressure": largest(result.patch_pressures),
+        "n_patches": len(patches.areas),
+        "n_points_without_area": sum(bare.values()),
+        "n_crossing_edges": bare[CROSSING_EDGES],
+        "n_standing_corners": bare[STANDING_CORNER],
+        "contact_area": float(patches.areas.sum()),
+        "tolerance": solids.tolerance,
+        **({"block_names": list(solids.names)} if solids.names else {}),
+    }
 
 
 def _joint_extremes(assembly: AnyBlocks, joints: JointResultants) -> dict[str, Measure]:
@@ -366,10 +305,9 @@ def _joint_extremes(assembly: AnyBlocks, joints: JointResultants) -> dict[str, M
     return result
 
 
-def _contacts(
-    assembly: AnyBlocks, index: IntArray, carried: RigidResult
-) -> dict[str, Callable[[], Array]]:
+def _contacts(carried: RigidResult) -> dict[str, Callable[[], Array]]:
     """Facets in the order of the interfaces, of triangulated blocks flat patches."""
+    assembly, index = carried.blocks, carried.contact_index
     if isinstance(assembly, Assembly):
         areas = assembly.interfaces.areas[index]
         values: dict[str, Callable[[], Array]] = {
@@ -412,22 +350,6 @@ def _arrays(assembly: AnyBlocks) -> dict[str, Callable[[], Array]]:
         "block_of_point": lambda: np.repeat(np.arange(assembly.n_blocks), counts),
         "layer_of_point": lambda: np.repeat(layer, counts),
     }
-
-
-def block_motion(result: RigidResult) -> FloatArray | None:
-    """(δt [mm], δθ [rad]) of each block under the mechanism, (n_blocks, 6).
-
-    None where locked, or where friction holds the blocks. Prefers how the load moves them; blocks
-    held by the certificate's supports stay.
-    """
-    certificate, blocks = result.classification.certificate, result.blocks
-    if result.moving is not None:
-        return placed_motion(blocks, result.moving, ~result.load.fixed)
-    if result.friction is not None and result.holds:
-        return None
-    if isinstance(certificate, Mechanism):
-        return placed_motion(blocks, certificate.virtual_displacement, ~blocks.fixed)
-    return None
 
 
 def _node_motion(

@@ -40,6 +40,7 @@ from mbd.friction.equilibrium import (
 from mbd.friction.squeeze import squeeze
 from mbd.frictionless.equilibrium import Equilibrium, column_weights, newton_equilibrium
 from mbd.options import Rigid
+from mbd.results.verdict import carried_words
 
 #: Natural coordinates of the corners of a facet (4, 2), and of its Gauss points in each direction.
 _CORNERS = np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
@@ -153,7 +154,10 @@ class _Bearing:
             return None
         stated = self.contacts, self.frictional, self.force, answer.forces
         result = squeeze(*stated, weights=weights)
-        return f"{result.words()}; the load does not press them" if result.needed else None
+        if not result.needed:
+            return None
+        words = carried_words(True, result.needed)
+        return f"{words}: {result.reason()}; the load does not press them"
 
 
 def _bearing(problem: Statement, blocks: AnyBlocks) -> _Bearing:

@@ -25,6 +25,9 @@ from geometry.mesh import FloatArray
 
 #: Imbalance over the load above which a linear program's answer is not believed.
 _BALANCED = 1e-6
+#: Forces whose range is narrower than this fraction of the load count as determined: linear
+#: programs are solved to 1e-7 of a load of one.
+DETERMINED = 1e-6
 #: Solvers count no further.
 _MOST_ITERATIONS = 2**31 - 1
 

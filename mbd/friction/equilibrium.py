@@ -28,7 +28,7 @@ from geometry.parts.placed import AnyBlocks
 from geometry.parts.rows import Row, finite
 from mbd.contacts.jacobian import Contacts
 from mbd.contacts.supports import admissible
-from mbd.frictionless.equilibrium import EQUILIBRIUM_TOLERANCE
+from mbd.frictionless.equilibrium import EQUILIBRIUM_TOLERANCE, Equilibrium
 from mbd.options import FrictionLaw
 from mbd.programs import Work, least_conic
 
@@ -126,12 +126,26 @@ class FrictionalContacts:
         return forces[:, :1] * normals + tangential
 
     def projected(self, forces: FloatArray) -> FloatArray:
-        """Nearest admissible forces along the tangents, (n, 3): cuts what the solver overshot."""
-        normal = np.maximum(forces[:, 0], 0.0)
-        tangential = self.shear_size(forces[:, 1:])
-        limit = self.friction * normal
-        scale = np.where(tangential > limit, limit / np.maximum(tangential, 1e-300), 1.0)
-        return np.column_stack([normal, forces[:, 1:] * scale[:, None]])
+        """Nearest admissible forces along the tangents, (n, 3): the return to Coulomb's law."""
+        normal, trial = np.maximum(forces[:, 0], 0.0), forces[:, 1:]
+        return np.column_stack([normal, trial * self._share(normal, trial)[:, None]])
+
+    def _share(self, normal: FloatArray, trial: FloatArray) -> FloatArray:
+        """Part of tangential forces (n, 2) that normal forces (n,) admit, at most 1; (n,)."""
+        size, limit = self.shear_size(trial), self.friction * normal
+        return np.where(size > limit, limit / np.maximum(size, 1e-300), 1.0)
+
+    def returned_by(self, forces: FloatArray) -> FloatArray:
+        """Derivative of `projected` by the forces, (n, 3) to (n, 3, 3)."""
+        trial, mu = forces[:, 1:], self.friction
+        share = self._share(np.maximum(forces[:, 0], 0.0), trial)
+        way = (share < 1.0)[:, None] * trial / np.maximum(self.shear_size(trial), 1e-300)[:, None]
+        along = way if self.law is FrictionLaw.CONE else np.sign(trial)
+        slope = np.zeros((len(mu), 3, 3))
+        slope[:, 0, 0] = 1.0
+        slope[:, 1:, 0] = mu[:, None] * way
+        slope[:, 1:, 1:] = share[:, None, None] * (np.eye(2) - way[:, :, None] * along[:, None])
+        return slope * (forces[:, 0] > 0.0)[:, None, None]
 
 
 def frictional_contacts(
@@ -208,6 +222,16 @@ class FrictionalEquilibrium:
     """How blocks move that do not come to rest, where nothing is proved, (n_rows,)."""
     status: str
     """Verdict in words."""
+
+
+def without_shear(found: Equilibrium) -> FrictionalEquilibrium:
+    """Return an equilibrium without friction as one with it: admissible whatever the friction."""
+    return FrictionalEquilibrium(
+        holds=found.holds,
+        forces=np.column_stack([found.forces, np.zeros((len(found.forces), 2))]),
+        residual=found.residual,
+        status=found.status,
+    )
 
 
 def admissible_cones(contacts: FrictionalContacts) -> tuple[sp.csc_array, list[Any]]:

@@ -28,7 +28,6 @@ import scipy.sparse as sp
 from geometry.mesh import FloatArray
 from mbd.friction.equilibrium import FrictionalContacts, FrictionalEquilibrium
 from mbd.frictionless.equilibrium import EQUILIBRIUM_TOLERANCE
-from mbd.options import FrictionLaw
 from mbd.programs import Work
 
 #: Operations that may be spent: seconds.
@@ -67,20 +66,9 @@ class _Joints:
 
         ``stuck`` is where each joint last stuck, (n, 2).
         """
-        moved, k, mu = self.contacts.slip(displacement), self.stiffness, self.contacts.friction
-        normal = k * np.maximum(-moved[:, 0], 0.0)
-        trial = k[:, None] * (stuck - moved[:, 1:])
-        size, limit = self.contacts.shear_size(trial), mu * normal
-        slides, size = size > limit, np.maximum(size, 1e-300)
-        share = np.where(slides, limit / size, 1.0)
-        way = slides[:, None] * trial / size[:, None]
-        along = way if self.contacts.law is FrictionLaw.CONE else np.sign(trial)
-        slope = np.zeros((len(k), 3, 3))
-        slope[:, 0, 0] = 1.0
-        slope[:, 1:, 0] = mu[:, None] * way
-        slope[:, 1:, 1:] = share[:, None, None] * (np.eye(2) - way[:, :, None] * along[:, None])
-        slope *= (-k * (normal > 0.0))[:, None, None]
-        return np.column_stack([normal, share[:, None] * trial]), slope
+        k, origin = self.stiffness[:, None], np.column_stack([np.zeros(len(stuck)), stuck])
+        trial = k * (origin - self.contacts.slip(displacement))
+        return self.contacts.projected(trial), -k[:, None] * self.contacts.returned_by(trial)
 
     def sticks(self, displacement: FloatArray, forces: FloatArray) -> FloatArray:
         """Where the joints stick that carry forces (n, 3), (n, 2)."""

@@ -25,9 +25,7 @@ from mbd.contacts.jacobian import Contacts
 from mbd.friction.equilibrium import FrictionalContacts, least_forces
 from mbd.friction.loading import MOST_SECONDS, load_by_increments
 from mbd.frictionless.equilibrium import EQUILIBRIUM_TOLERANCE
-from mbd.limits.force_range import DETERMINED
-from mbd.programs import Work
-from mbd.results.verdict import carried_words
+from mbd.programs import DETERMINED, Work
 
 #: Joints that are asked for their least force, those first that miss most of it.
 _MOST_JOINTS = 6
@@ -48,17 +46,16 @@ class Squeeze:
     programs: int
     """Linear problems and cone programs solved."""
 
-    def words(self, named: Callable[[int], str] = str) -> str:
-        """The verdict, blocks by their names."""
-        words = carried_words(self.needed)
+    def reason(self, named: Callable[[int], str] = str) -> str:
+        """Where a squeeze is needed, or why it is not decided; blocks by their names."""
         if self.needed is None:
-            return f"{words}: limit of work or time after {self.programs} linear problems"
+            return f"limit of work or time after {self.programs} linear problems"
         if not self.needed or self.blocks is None:
-            return words
+            return ""
         m, s = map(named, self.blocks)
         if not self.least:
-            return f"{words}: the load presses too little between {m} and {s}"
-        return f"{words}: at least {self.least:.4g} N between {m} and {s}"
+            return f"the load presses too little between {m} and {s}"
+        return f"at least {self.least:.4g} N between {m} and {s}"
 
 
 def squeeze(

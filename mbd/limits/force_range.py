@@ -34,7 +34,7 @@ from geometry.parts.rows import Row, finite
 from mbd.contacts.jacobian import Contacts
 from mbd.friction.equilibrium import FrictionalContacts, FrictionError
 from mbd.frictionless.equilibrium import newton_equilibrium
-from mbd.programs import LinearPrograms, Work
+from mbd.programs import DETERMINED, LinearPrograms, Work
 
 #: Out-of-plane parts below this fraction are round-off of vertices and normals.
 _FLAT = 1e-9
@@ -113,11 +113,6 @@ def plane_problem(
     )
     behind = np.eye(3)[axis] * (height[~front].mean() - height[front].mean())
     return PlaneProblem(reduced, rows, kept, behind)
-
-
-#: Joints whose range is narrower than this fraction of the load count as determined: linear
-#: programs are solved to 1e-7 of a load of one.
-DETERMINED = 1e-6
 
 
 @dataclass(frozen=True)

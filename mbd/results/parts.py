@@ -6,7 +6,7 @@ Each part gives rows of a table and plain data.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -27,6 +27,7 @@ from mbd.friction.equilibrium import (
     collapse_load,
     frictional_contacts,
     frictional_equilibrium,
+    without_shear,
 )
 from mbd.friction.loading import settled
 from mbd.friction.squeeze import Squeeze, squeeze
@@ -56,51 +57,16 @@ class Friction:
     (n_contacts, 3) [N]."""
     squeeze: Squeeze | None
     """Whether friction that carries the load is pressed by it."""
-    frictionless: Classification
-    """Without friction."""
-    carried_smooth: bool
-    """Whether the load is carried without friction."""
-    named: Callable[[int], str] = field(repr=False)
-    """Name of a block."""
 
     @property
-    def holds(self) -> bool:
-        """Whether forces balance the load."""
-        return self.equilibrium.holds
-
-    @property
-    def needs_squeeze(self) -> bool:
-        """Whether friction carries the load only where joints are pressed beforehand."""
-        return self.squeeze is not None and self.squeeze.needed is True
-
-    @property
-    def words(self) -> str:
-        """Whether the load is carried, and what it takes."""
-        given = f"μ = {self.coefficient:g}{', others between pairs' if self.of_pairs else ''}"
-        if self.squeeze is not None:
-            words = self.squeeze.words(self.named)
-        else:
-            words = "not carried" if self.equilibrium.mechanism is not None else "not decided"
-        words += f"{',' if ':' in words else ''} with friction {given}"
-        if not self.holds:
-            return words
-        without = "carried" if self.carried_smooth else "not carried"
-        return f"{words} (without: {'locked' if self.frictionless.locked else without})"
+    def given(self) -> str:
+        """The coefficient in words."""
+        return f"μ = {self.coefficient:g}{', others between pairs' if self.of_pairs else ''}"
 
     @property
     def rows(self) -> list[Row]:
-        """None: its words are the verdict, and `proof_rows` stand first among the evidence."""
+        """None: the verdict and the evidence of the answer are those with friction."""
         return []
-
-    @property
-    def proof_rows(self) -> list[Row]:
-        """The proof, and that of the class without friction."""
-        found, proof = self.equilibrium, ""
-        if found.mechanism is not None:
-            proof = f"; fᵀd/‖f‖ = {found.work:.3g}, least contact work "
-            proof += f"{found.smallest_contact_work:.1e}"
-        rows = [Row("proof", found.status + proof, found.residual)]
-        return [*rows, Row("proof without friction", self.frictionless.proof)]
 
     def as_json(self) -> dict[str, Any]:
         """Return plain data."""
@@ -188,11 +154,7 @@ class Question:
         self.tell("equilibrium with friction")
         found = frictional_equilibrium(self.frictional, self.all_loads, weights=self.weights)
         if self.smooth.holds and not found.holds:
-            normal = self.smooth.forces
-            forces = np.column_stack([normal, np.zeros((len(normal), 2))])
-            return FrictionalEquilibrium(
-                holds=True, forces=forces, residual=self.smooth.residual, status=self.smooth.status
-            )
+            return without_shear(self.smooth)
         return settled(found, self.frictional, self.all_loads, self.weights)
 
     @cached_property
@@ -252,9 +214,6 @@ class Question:
             equilibrium=balance,
             forces=forces,
             squeeze=pressed,
-            frictionless=self.frictionless,
-            carried_smooth=self.smooth.holds,
-            named=self.blocks.named,
         )
 
     def _sliding(self) -> SlidingCollapse:

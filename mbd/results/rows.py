@@ -14,7 +14,7 @@ from geometry.parts.measures import JointResultants, Measures
 from geometry.parts.placed import AnyBlocks
 from geometry.parts.rows import Row, grouped, number
 from geometry.polyhedra.bare_contacts import CROSSING_EDGES, STANDING_CORNER
-from mbd.analysis import RigidResult
+from mbd.results.result import RigidResult
 
 if TYPE_CHECKING:
     from geometry.polyhedra.assembly import PolyhedralAssembly
@@ -142,7 +142,12 @@ def _evidence_rows(answer: Answer) -> list[Row]:
     result: RigidResult = answer.details
     rows = [Row("proof", result.classification.proof)]
     if result.friction is not None:
-        rows = result.friction.proof_rows
+        found, proof = result.friction.equilibrium, ""
+        if found.mechanism is not None:
+            proof = f"; fᵀd/‖f‖ = {found.work:.3g}, least contact work "
+            proof += f"{found.smallest_contact_work:.1e}"
+        rows[0] = rows[0]._replace(title="proof without friction")
+        rows = [Row("proof", found.status + proof, found.residual), *rows]
     if not answer.measures:
         return rows
     words = f'minimum-norm contact forces (norm = "{result.norm}")'

@@ -21,9 +21,11 @@ _SQUEEZED = {
 }
 
 
-def carried_words(squeezed: bool | None) -> str:
-    """That a load is carried, under which condition; None: the squeeze is not decided."""
-    return f"carried{_SQUEEZED[squeezed]}"
+def carried_words(holds: bool | None, squeezed: bool | None = False) -> str:
+    """Whether a load is carried, and under which condition: fields of `Verdict`."""
+    if holds:
+        return f"carried{_SQUEEZED[squeezed]}"
+    return "not decided" if holds is None else "not carried"
 
 
 class Verdict(NamedTuple):
@@ -44,9 +46,7 @@ class Verdict(NamedTuple):
     @property
     def carried(self) -> str:
         """Whether the load is carried, in words."""
-        if self.holds:
-            return carried_words(self.squeezed)
-        return "not decided" if self.holds is None else "not carried"
+        return carried_words(self.holds, self.squeezed)
 
 
 def _factor_words(factor: float) -> str:

@@ -133,7 +133,7 @@ def test_a_squeeze_that_is_not_decided_says_so(wall) -> None:
     told: list[int] = []
     found = squeeze(contacts, frictional, load, 0.5 * forces, limit=EACH, progress=told.append)
     assert found.needed is None
-    assert "(not decided): limit of work or time after" in found.words()
+    assert found.reason().startswith("limit of work or time after")
     assert told == list(range(1, found.programs + 1))
 
 

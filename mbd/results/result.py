@@ -1,0 +1,256 @@
+"""What the rigid-block analysis of one problem found: class, forces, motion and verdict."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import TYPE_CHECKING, cast
+
+import numpy as np
+
+from geometry.assembly import Assembly
+from geometry.loads import LoadCase
+from geometry.mesh import FloatArray, IntArray, ReadOnlyArrays
+from geometry.parts.balance import Imbalance, Reactions, imbalance, of_fixed_blocks, together
+from geometry.parts.measures import JointResultants, Measures, facet_measures, joint_resultants
+from geometry.parts.placed import AnyBlocks
+from geometry.parts.rows import Part
+from geometry.polyhedra.bare_contacts import CROSSING_EDGES, STANDING_CORNER
+from mbd.contacts.jacobian import contact_wrenches
+from mbd.contacts.supports import support_wrenches
+from mbd.frictionless.equilibrium import Equilibrium
+from mbd.frictionless.mechanism import Classification, Mechanism, MechanismClass
+from mbd.options import Norm
+from mbd.results.motion import placed_motion
+from mbd.results.verdict import EdgesAndCorners, Verdict, carried_words
+
+if TYPE_CHECKING:
+    from geometry.polyhedra.assembly import PolyhedralAssembly
+    from mbd.friction.equilibrium import FrictionalEquilibrium
+    from mbd.results.parts import Friction
+
+
+@dataclass(frozen=True)
+class RigidResult(ReadOnlyArrays):
+    """Everything the rigid-block analysis of one assembly under one load found."""
+
+    classification: Classification
+    """Class with every frame block held, as the paper classifies, with its certificate."""
+    supported_classification: Classification
+    """Class with the supports of the load case; differs only where it releases a frame."""
+    equilibrium: Equilibrium
+    """Contact forces, residual, load-activated mechanism if there is one, status."""
+    contact_index: IntArray
+    """Position of each contact in the assembly's interfaces, (n_contacts,)."""
+    norm: Norm
+    """What the contact forces minimise."""
+    cpu_seconds: dict[str, float]
+    """CPU time of each stage, and in all [s]."""
+    blocks: AnyBlocks = field(repr=False)
+    """What was analysed …"""
+    load: LoadCase = field(repr=False)
+    """… under which loads and supports, weight included."""
+    parts: Mapping[str, Part] = field(default_factory=dict)
+    """What was found beside, by name."""
+
+    @property
+    def mechanism(self) -> MechanismClass:
+        """Class with every frame block held."""
+        return self.classification.mechanism
+
+    @property
+    def n_blocks(self) -> int:
+        """Blocks free to move under the load."""
+        return int((~self.load.fixed).sum())
+
+    @property
+    def n_contacts(self) -> int:
+        """Contacts that touch at least one free block."""
+        return len(self.contact_index)
+
+    @property
+    def contact_forces(self) -> FloatArray:
+        """λ >= 0 without friction, (n_contacts,) [N]."""
+        return self.equilibrium.forces
+
+    @property
+    def contact_pressures(self) -> FloatArray:
+        """λ / A, (n_contacts,) [MPa]."""
+        return self.contact_forces / self.blocks.interfaces.areas[self.contact_index]
+
+    @property
+    def friction(self) -> Friction | None:
+        """What friction adds; None without it."""
+        return cast("Friction | None", self.parts.get("friction"))
+
+    @property
+    def balance(self) -> Equilibrium | FrictionalEquilibrium:
+        """Equilibrium that decides: with friction, where there is some."""
+        return self.equilibrium if self.friction is None else self.friction.equilibrium
+
+    @property
+    def holds(self) -> bool:
+        """Whether forces balance the load."""
+        return self.balance.holds
+
+    @property
+    def of_load(self) -> bool:
+        """Whether the load itself brings forces about that balance it, as far as is known."""
+        return self.holds and self.verdict.squeezed is not True
+
+    @property
+    def verdict(self) -> Verdict:
+        """Verdict on the load."""
+        found, pressed = self.balance, None if self.friction is None else self.friction.squeeze
+        holds = False if found.mechanism is not None else found.holds or None
+        return Verdict(self.mechanism, holds, False if pressed is None else pressed.needed)
+
+    @property
+    def edges_and_corners(self) -> EdgesAndCorners | None:
+        """Verdicts with edges and corners; None where there are none."""
+        return cast("EdgesAndCorners | None", self.parts.get("edges_and_corners"))
+
+    @property
+    def words(self) -> str:
+        """The answer as a headline says it: locked, carried or not carried."""
+        edges = "" if self.edges_and_corners is None else self.edges_and_corners.words
+        return self._faces_words + (f"; {edges}" if edges else "")
+
+    @property
+    def _faces_words(self) -> str:
+        carried, friction = self.verdict.carried, self.friction
+        if friction is None:
+            if self.supported_classification.locked:
+                return "locked"
+            nothing = not self.load.wrenches.any()
+            return "not locked, and nothing acts" if nothing else f"{carried} without friction"
+        reason = "" if friction.squeeze is None else friction.squeeze.reason(self.blocks.named)
+        words = f"{carried}{f': {reason},' if reason else ''} with friction {friction.given}"
+        if not self.holds:
+            return words
+        locked = self.classification.locked
+        return f"{words} (without: {'locked' if locked else carried_words(self.equilibrium.holds)})"
+
+    @property
+    def driven(self) -> FloatArray | None:
+        """Mechanism that the load drives, (n_rows,), where it is not carried."""
+        return self.balance.mechanism
+
+    @property
+    def moving(self) -> FloatArray | None:
+        """How blocks move where the load does not bring them to rest, proved or not; (n_rows,)."""
+        if self.driven is not None:
+            return self.driven
+        pressed = None if self.friction is None else self.friction.squeeze
+        return self.balance.motion if pressed is None else pressed.motion
+
+    @property
+    def block_motion(self) -> FloatArray | None:
+        """(δt [mm], δθ [rad]) of each block under the mechanism, (n_blocks, 6).
+
+        None where locked, or where friction holds the blocks. Prefers how the load moves them;
+        blocks held by the certificate's supports stay.
+        """
+        certificate = self.classification.certificate
+        if self.moving is not None:
+            return placed_motion(self.blocks, self.moving, ~self.load.fixed)
+        if isinstance(certificate, Mechanism) and (self.friction is None or not self.holds):
+            motion = certificate.virtual_displacement
+            return placed_motion(self.blocks, motion, ~self.blocks.fixed)
+        return None
+
+    @cached_property
+    def forces(self) -> FloatArray:
+        """On block s of each contact, zero where nothing holds; (n_contacts, 3) [N]."""
+        if self.friction is not None:
+            given = self.friction.forces
+            return np.zeros((self.n_contacts, 3)) if given is None else given
+        normals = self.blocks.interfaces.normals[self.contact_index]
+        return (self.contact_forces * self.holds)[:, None] * normals
+
+    @cached_property
+    def normal_forces(self) -> FloatArray:
+        """Part of `forces` along the normals, (n_contacts,) [N]."""
+        if self.friction is None:
+            return self.contact_forces * self.holds
+        normals = self.blocks.interfaces.normals[self.contact_index]
+        return np.asarray(np.maximum(np.einsum("ni,ni->n", self.forces, normals), 0.0))
+
+    @cached_property
+    def measures(self) -> Measures | None:
+        """The paper's measures, without friction; None where there is no equilibrium."""
+        return self._means(self.contact_pressures) if self.equilibrium.holds else None
+
+    @cached_property
+    def shown_measures(self) -> Measures | None:
+        """The paper's measures of `normal_forces`; None where no joint presses."""
+        if not self.holds or not self.normal_forces.any():
+            return None
+        if self.friction is None:
+            return self.measures
+        return self._means(self.normal_forces / self.blocks.interfaces.areas[self.contact_index])
+
+    def _means(self, pressures: FloatArray) -> Measures:
+        return facet_measures(self.blocks, self.contact_index, pressures)[1]
+
+    @cached_property
+    def joints(self) -> JointResultants:
+        """Resultants of the forces between each two blocks."""
+        index, found, centroids = self.contact_index, self.blocks.interfaces, None
+        if not isinstance(self.blocks, Assembly):
+            pairs = np.unique(np.column_stack([found.block_m[index], found.block_s[index]]), axis=0)
+            centroids = cast("PolyhedralAssembly", self.blocks).joint_centroids(pairs)
+        return joint_resultants(found, index, self.forces, centroids)
+
+    @cached_property
+    def patch_pressures(self) -> FloatArray:
+        """Mean pressure of each flat patch, of elements each facet; 0: nothing; (n,) [MPa]."""
+        if isinstance(self.blocks, Assembly):
+            pressures = np.zeros(self.blocks.interfaces.n_contacts)
+            pressures[self.contact_index] = self.normal_forces
+            return pressures / self.blocks.interfaces.areas
+        found = cast("PolyhedralAssembly", self.blocks).interfaces
+        return found.patch_pressures(self.contact_index, self.normal_forces)
+
+    @property
+    def bare_contacts(self) -> dict[int, int]:
+        """Number of contacts without area of each kind; of solids alone."""
+        if isinstance(self.blocks, Assembly):
+            return {}
+        patch = cast("PolyhedralAssembly", self.blocks).interfaces.patch
+        return {kind: int((patch == kind).sum()) for kind in (CROSSING_EDGES, STANDING_CORNER)}
+
+    @cached_property
+    def _supports(self) -> tuple[Reactions, FloatArray]:
+        """Supports by name, and what they and the loads do to each block, (n_blocks, 6)."""
+        blocks, load, on_blocks = self.blocks, self.load, self.load.wrenches
+        if load.held:
+            on_blocks = on_blocks + contact_wrenches(blocks, self.contact_index, self.forces)
+        supports, on_each = support_wrenches(blocks, load, on_blocks)
+        return supports, load.wrenches + on_each
+
+    @cached_property
+    def reactions(self) -> Reactions:
+        """Supports, and fixed blocks less what their supports take."""
+        fixed, (supports, others) = np.flatnonzero(self.load.fixed), self._supports
+        return together(supports, of_fixed_blocks(self.blocks, self.joints, fixed, others))
+
+    @property
+    def reaction(self) -> FloatArray:
+        """Force of fixed blocks and supports, against all loads and weight, (3,) [N]."""
+        return self.reactions.forces.sum(axis=0)
+
+    @property
+    def imbalance(self) -> Imbalance:
+        """What joints, loads and supports leave on a free block."""
+        blocks, load = self.blocks, self.load
+        own = blocks.originals == np.arange(blocks.n_blocks)
+        return imbalance(
+            blocks,
+            self.joints,
+            acting=load.acting,
+            others=self._supports[1],
+            centres=blocks.centroids,
+            free=np.flatnonzero(own & ~load.fixed),
+        )
