@@ -226,10 +226,10 @@ def _judged(
     start, coulomb = time.process_time(), stated.coulomb
     parts: dict[str, Part] = {}
     if coulomb is not None or method.asks_more:
-        from mbd.results.parts import Question
+        from mbd.results.parts import Question, parts_of
 
         nothing = np.zeros((blocks.n_blocks, 6))
-        parts = Question(
+        asked = Question(
             blocks=blocks,
             load=load,
             wrenches=(nothing if dead is None else dead, stated.rigid_load.wrenches),
@@ -239,7 +239,8 @@ def _judged(
             smooth=result.equilibrium,
             frictionless=result.classification,
             tell=tell,
-        ).parts()
+        )
+        parts = parts_of(asked)
     spent = time.process_time() - start
     seconds = result.cpu_seconds | {BESIDE: spent}
     seconds["total"] += spent

@@ -20,7 +20,7 @@ displacement grows on top of all other loads until the blocks move.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from typing import Any
@@ -115,28 +115,20 @@ def interlocking_margin(
     Costs twelve equilibria for each free block. No further load is asked after a limit of reference
     seconds (`geometry.machine.work`). ``progress`` gets the number of unit loads that were asked.
     """
-    jacobian, areas = contacts.jacobian, contacts.areas
-    n_rows, n_contacts = jacobian.shape
+    areas, (n_rows, n_contacts) = contacts.areas, contacts.jacobian.shape
     bearing = np.full((n_rows, 2), np.nan)
     mechanism: FloatArray | None = None
-    weights = column_weights(Norm.PRESSURE, areas)
     work = Work(limit, progress=progress)
-    for row in range(n_rows):
-        for way, sign in enumerate((1.0, -1.0)):
-            if work.spent:
-                break
-            load = np.zeros(n_rows)
-            load[row] = sign
-            load = jacobian.admissible(load)
-            equilibrium = newton_equilibrium(jacobian, load, weights=weights)
-            work.conic(equilibrium.iterations, 12 * n_contacts)
-            bearing[row, way] = 0.0
-            if np.linalg.norm(load) <= _TAKEN:
-                bearing[row, way] = np.inf
-            elif equilibrium.holds and n_contacts:
-                bearing[row, way] = 1.0 / float(np.sum(equilibrium.forces**2 / areas))
-            elif mechanism is None:
-                mechanism = equilibrium.mechanism
+    answers = _equilibria(contacts, _units(contacts), Norm.PRESSURE, work=work)
+    for place, (load, found) in enumerate(answers):
+        area = 0.0
+        if np.linalg.norm(load) <= _TAKEN:
+            area = np.inf
+        elif found.holds and n_contacts:
+            area = 1.0 / float(np.sum(found.forces**2 / areas))
+        elif mechanism is None:
+            mechanism = found.mechanism
+        bearing.flat[place] = area
     worst = first_largest(np.where(np.isnan(bearing), -np.inf, -bearing))
     row, way = divmod(worst, 2)
     return Margin(
@@ -147,6 +139,38 @@ def interlocking_margin(
         mechanism=mechanism,
         unasked=int(np.isnan(bearing).sum()),
     )
+
+
+def _units(contacts: Contacts) -> Iterator[FloatArray]:
+    """Unit forces and couples on each free block, one way and the other, (n_rows,) each."""
+    n_rows = contacts.jacobian.shape[0]
+    for row in range(n_rows):
+        yield from (sign * np.eye(1, n_rows, row)[0] for sign in (1.0, -1.0))
+
+
+def _equilibria(
+    contacts: Contacts,
+    loads: Iterable[FloatArray],
+    norm: Norm,
+    *,
+    beside: FloatArray | float = 0.0,
+    start: FloatArray | None = None,
+    work: Work | None = None,
+) -> Iterator[tuple[FloatArray, Equilibrium]]:
+    """Parts of loads (n_rows,) [N] that supports leave, and their equilibria.
+
+    ``beside`` acts with each of them, ``start`` is the multiplier of its equilibrium. No further
+    load is asked where no work is left.
+    """
+    jacobian, weights = contacts.jacobian, column_weights(norm, contacts.areas)
+    for load in loads:
+        if work is not None and work.spent:
+            return
+        left = jacobian.admissible(load)
+        found = newton_equilibrium(jacobian, beside + left, weights=weights, start=start)
+        if work is not None:
+            work.conic(found.iterations, 12 * jacobian.shape[1])
+        yield left, found
 
 
 #: What supports leave of a unit force that they take [-].
@@ -182,35 +206,43 @@ class Pushes:
         well the load is carried. Keys are +x, -x and so on; a direction that is neither proved held
         nor free is left out.
         """
-        contacts, known = self._contacts, self.balance
+        contacts, known, start = self._contacts, self.balance, None
         force = contacts.rows(self.load.wrenches)
-        size = float(np.linalg.norm(force)) or 1.0
-        pushes = _pushes(self.blocks, contacts, _PUSH * size)
-        weights = column_weights(self.norm, contacts.areas)
-        proved, start = np.zeros(len(_WAYS), dtype=np.bool_), None
+        size = _PUSH * (float(np.linalg.norm(force)) or 1.0)
+        pushes = {way: size * push for way, push in self._pushes.items()}
+        held: dict[str, bool] = {}
         if known is not None:
-            start = known.multiplier
-            tolerance = EQUILIBRIUM_TOLERANCE * _PUSH * size
-            proved = carried_beside(contacts.jacobian, known.forces, pushes, tolerance)
-        held = {}
-        for name, push, carried in zip(_WAYS, pushes, proved, strict=True):
-            if carried:
-                held[name] = True
-                continue
-            equilibrium = newton_equilibrium(
-                contacts.jacobian, force + push, weights=weights, start=start
-            )
-            if equilibrium.holds or equilibrium.mechanism is not None:
-                held[name] = equilibrium.holds
-        return held
+            start, loads = known.multiplier, np.array(list(pushes.values()))
+            tolerance = EQUILIBRIUM_TOLERANCE * size
+            proved = carried_beside(contacts.jacobian, known.forces, loads, tolerance)
+            held = {way: True for way, carried in zip(_WAYS, proved, strict=True) if carried}
+        asked = [way for way in _WAYS if way not in held]
+        others = [pushes[way] for way in asked]
+        answers = _equilibria(contacts, others, self.norm, beside=force, start=start)
+        for way, (_, found) in zip(asked, answers, strict=True):
+            if found.holds or found.mechanism is not None:
+                held[way] = found.holds
+        return {way: held[way] for way in _WAYS if way in held}
 
     @cached_property
     def by_load(self) -> tuple[str, ...]:
         """Directions in which nothing but the load holds the blocks: they would be lifted."""
-        pushes = dict(zip(_WAYS, _pushes(self.blocks, self._contacts, 1.0), strict=True))
         ways = [way for way, holds in self.held.items() if holds]
-        alone = {way: newton_equilibrium(self._contacts.jacobian, pushes[way]) for way in ways}
-        return tuple(way for way in ways if not alone[way].holds)
+        alone = _equilibria(self._contacts, [self._pushes[way] for way in ways], Norm.FORCE)
+        return tuple(way for way, (_, found) in zip(ways, alone, strict=True) if not found.holds)
+
+    @cached_property
+    def _pushes(self) -> dict[str, FloatArray]:
+        """One newton on all free blocks by their volumes, along each way, (n_rows,) [N]."""
+        contacts = self._contacts
+        volumes = self.blocks.volumes[contacts.free_blocks]
+        pushes = np.zeros((len(_WAYS), len(volumes), 6))
+        for k in range(len(_WAYS)):
+            pushes[k, :, k // 2] = (-1.0) ** k * volumes / np.linalg.norm(volumes)
+        return {
+            way: contacts.jacobian.admissible(push.ravel())
+            for way, push in zip(_WAYS, pushes, strict=True)
+        }
 
     @property
     def rows(self) -> list[Row]:
@@ -233,15 +265,6 @@ class Pushes:
     def as_json(self) -> dict[str, Any]:
         """Return plain data."""
         return {"held_against": self.held, "held_by_load": list(self.by_load)}
-
-
-def _pushes(assembly: AnyBlocks, contacts: Contacts, size: float) -> FloatArray:
-    """Pushes of all free blocks by their volumes along each way, (6, n_rows) [N]."""
-    volumes = assembly.volumes[contacts.free_blocks]
-    pushes = np.zeros((len(_WAYS), len(volumes), 6))
-    for k in range(len(_WAYS)):
-        pushes[k, :, k // 2] = (-1.0) ** k * size * volumes / np.linalg.norm(volumes)
-    return np.array([contacts.jacobian.admissible(push.ravel()) for push in pushes])
 
 
 # ---------------------------------------------------------------------------------------------

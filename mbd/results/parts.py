@@ -1,13 +1,13 @@
-"""What a rigid answer has beside its equilibrium: friction, load factors, ranges, margin, pushes.
+"""What a rigid answer has beside its equilibrium: friction, load factors, ranges and margin.
 
-Each part gives rows of a table and plain data.
+A function finds each part, which gives rows of a table and plain data.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
@@ -31,10 +31,10 @@ from mbd.friction.equilibrium import (
 )
 from mbd.friction.loading import settled
 from mbd.friction.squeeze import Squeeze, squeeze
-from mbd.frictionless.equilibrium import Equilibrium, column_weights, equilibrium
+from mbd.frictionless.equilibrium import Equilibrium, column_weights
 from mbd.frictionless.mechanism import Classification
 from mbd.limits.force_range import ForceRanges, PlaneProblem, force_ranges, plane_problem
-from mbd.limits.pushes import interlocking_margin
+from mbd.limits.pushes import Margin, interlocking_margin
 from mbd.limits.sliding_collapse import SlidingCollapse, sliding_collapse, sliding_state
 from mbd.options import Rigid
 from mbd.results.motion import motion_of_blocks, placed_motion
@@ -170,75 +170,7 @@ class Question:
         motion = motion_of_blocks(self.blocks, moving, self.wrenches[0], proved=True)
         return replace(found, status=f"{found.status}: {motion.words}")
 
-    def parts(self) -> dict[str, Part]:
-        """What is found, by name."""
-        method, balance, collapse = self.method, self.balance, self.collapse
-        parts: dict[str, Part] = {}
-        if balance is not None:
-            parts["friction"] = self._friction(balance)
-        if collapse is not None:
-            parts["collapse"] = collapse
-        if method.sliding:
-            self.tell("collapse by sliding without dilation")
-            parts["sliding"] = self._sliding()
-        # Without a limit the answer rests on friction that jams: the ranges of forces decide.
-        jams = collapse is not None and bool(np.isinf(collapse.factor))
-        if (method.ranges or jams) and (balance is None or balance.holds):
-            ranges = self._ranges()
-            if ranges is not None:
-                parts["ranges"] = ranges
-        if method.margin:
-            progress = self._counting("unit loads of the margin")
-            parts["margin"] = interlocking_margin(self.contacts, progress=progress)
-        return parts
-
-    def _friction(self, balance: FrictionalEquilibrium) -> Friction:
-        forces = pressed = None
-        if balance.holds:
-            normals = self.blocks.interfaces.normals[self.contacts.index]
-            forces = self.frictional.world(balance.forces, normals)
-            pressed = Squeeze(needed=False, programs=0)
-            if not self.smooth.holds:
-                self.tell("whether the load presses the joints that need friction")
-                pressed = squeeze(
-                    self.contacts,
-                    self.frictional,
-                    self.all_loads,
-                    balance.forces,
-                    weights=self.weights,
-                    progress=self._counting("whether the load presses the joints"),
-                )
-        return Friction(
-            coefficient=self.friction or 0.0,
-            of_pairs=bool(self.of_pairs),
-            equilibrium=balance,
-            forces=forces,
-            squeeze=pressed,
-        )
-
-    def _sliding(self) -> SlidingCollapse:
-        """Collapse by sliding without dilation, in the plane where the problem is plane."""
-        plane, progress = self._plane(*self.loads), self._counting("sliding collapse")
-        if plane is None:
-            result = sliding_collapse(self.frictional, *self.loads, progress=progress)
-        else:
-            flat = [plane.load(load) for load in self.loads]
-            result = sliding_collapse(plane.contacts, *flat, progress=progress)
-            if result.mechanism is not None:
-                rows = np.zeros(len(self.loads[0]))
-                rows[plane.rows] = result.mechanism
-                result = replace(result, mechanism=rows)
-        state = sliding_state(
-            self.blocks,
-            self.contacts,
-            result,
-            frictional=self.frictional,
-            plane=plane,
-            wrenches=self.wrenches,
-        )
-        return replace(result, state=state)
-
-    def _plane(self, *loads: FloatArray) -> PlaneProblem | None:
+    def plane(self, *loads: FloatArray) -> PlaneProblem | None:
         """Return the problem in the plane in which blocks and loads lie; None: there is none."""
         for axis in range(3):
             try:
@@ -250,24 +182,84 @@ class Question:
             return plane
         return None
 
-    def _ranges(self) -> ForceRanges | None:
-        """Ranges of the joints' forces, where forces balance the load."""
-
-        def progress(done: int, of: int) -> None:
-            self.tell(f"range of the forces of joints: {done} of {of}")
-
-        contacts, load = self.contacts, self.all_loads
-        if self.balance is not None:
-            plane, shown = self._plane(load), self.balance.forces[:, 0]
-            frictional = self.frictional
-            return force_ranges(
-                contacts, load, shown, frictional=frictional, plane=plane, progress=progress
-            )
-        solver = self.method.solver
-        smallest = equilibrium(contacts.jacobian, load, solver=solver, weights=self.weights)
-        if not smallest.holds:
-            return None
-        return force_ranges(contacts, load, smallest.forces, progress=progress)
-
-    def _counting(self, what: str) -> Callable[[int], None]:
+    def counting(self, what: str) -> Callable[[int], None]:
+        """Return a progress of programs solved."""
         return lambda programs: self.tell(f"{what}: {programs} programs solved")
+
+
+def parts_of(asked: Question) -> dict[str, Part]:
+    """What is found, by name."""
+    method, balance, collapse = asked.method, asked.balance, asked.collapse
+    # Without a limit the answer rests on friction that jams: the ranges of forces decide.
+    jams = collapse is not None and bool(np.isinf(collapse.factor))
+    ranges = (method.ranges or jams) and (balance is None or balance.holds)
+    parts: dict[str, Part | None] = {
+        "friction": None if balance is None else _friction(asked, balance),
+        "collapse": collapse,
+        "sliding": _sliding(asked) if method.sliding else None,
+        "ranges": _ranges(asked) if ranges else None,
+        "margin": _margin(asked) if method.margin else None,
+    }
+    return {name: part for name, part in parts.items() if part is not None}
+
+
+def _friction(asked: Question, balance: FrictionalEquilibrium) -> Friction:
+    """Whether the load is carried with friction, and whether it presses the joints itself."""
+    forces = pressed = None
+    if balance.holds:
+        normals = asked.blocks.interfaces.normals[asked.contacts.index]
+        forces = asked.frictional.world(balance.forces, normals)
+        pressed = Squeeze(needed=False, programs=0)
+        if not asked.smooth.holds:
+            asked.tell("whether the load presses the joints that need friction")
+            pressed = squeeze(
+                asked.contacts,
+                asked.frictional,
+                asked.all_loads,
+                balance.forces,
+                weights=asked.weights,
+                progress=asked.counting("whether the load presses the joints"),
+            )
+    return Friction(asked.friction or 0.0, bool(asked.of_pairs), balance, forces, pressed)
+
+
+def _sliding(asked: Question) -> SlidingCollapse:
+    """Collapse by sliding without dilation, in the plane where the problem is plane."""
+    asked.tell("collapse by sliding without dilation")
+    plane, progress = asked.plane(*asked.loads), asked.counting("sliding collapse")
+    if plane is None:
+        result = sliding_collapse(asked.frictional, *asked.loads, progress=progress)
+    else:
+        flat = [plane.load(load) for load in asked.loads]
+        result = sliding_collapse(plane.contacts, *flat, progress=progress)
+        if result.mechanism is not None:
+            rows = np.zeros(len(asked.loads[0]))
+            rows[plane.rows] = result.mechanism
+            result = replace(result, mechanism=rows)
+    state = sliding_state(
+        asked.blocks,
+        asked.contacts,
+        result,
+        frictional=asked.frictional,
+        plane=plane,
+        wrenches=asked.wrenches,
+    )
+    return replace(result, state=state)
+
+
+def _ranges(asked: Question) -> ForceRanges | None:
+    """Ranges of the joints' forces, where forces balance the load."""
+
+    def progress(done: int, of: int) -> None:
+        asked.tell(f"range of the forces of joints: {done} of {of}")
+
+    find = partial(force_ranges, asked.contacts, asked.all_loads, progress=progress)
+    if asked.balance is not None:
+        shown, plane = asked.balance.forces[:, 0], asked.plane(asked.all_loads)
+        return find(shown, frictional=asked.frictional, plane=plane)
+    return find(asked.smooth.forces) if asked.smooth.holds else None
+
+
+def _margin(asked: Question) -> Margin:
+    progress = asked.counting("unit loads of the margin")
+    return interlocking_margin(asked.contacts, progress=progress)
