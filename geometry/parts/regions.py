@@ -27,6 +27,11 @@ def _check_vectors(what: str, *vectors: FloatArray) -> None:
             raise RefusedError(f"{what}: got {np.asarray(vector).tolist()}; expected three numbers")
 
 
+def _words(vector: FloatArray) -> str:
+    """A vector in six digits, far fewer than those of its floats."""
+    return f"({', '.join(f'{x + 0.0:.6g}' for x in vector)})"
+
+
 @dataclass(frozen=True)
 class Plane(ReadOnlyArrays):
     """What of a surface lies on a plane."""
@@ -50,7 +55,7 @@ class Plane(ReadOnlyArrays):
 
     def __str__(self) -> str:
         """In words."""
-        return f"the plane through {self.point.tolist()} normal to {self.normal.tolist()}"
+        return f"the plane through {_words(self.point)} normal to {_words(self.normal)}"
 
 
 @dataclass(frozen=True)
@@ -73,7 +78,7 @@ class Box(ReadOnlyArrays):
 
     def __str__(self) -> str:
         """In words."""
-        return f"the box from {self.low.tolist()} to {self.high.tolist()}"
+        return f"the box from {_words(self.low)} to {_words(self.high)}"
 
 
 #: The whole surface.

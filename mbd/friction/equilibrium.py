@@ -366,8 +366,8 @@ def frictional_equilibrium(
                 mechanism=checked[0],
                 work=checked[1],
                 smallest_contact_work=checked[2],
-                status="not statically admissible: the load activates a mechanism that friction "
-                "does not prevent (see the certificate)",
+                status="not statically admissible: the load sets blocks in motion, and friction "
+                "does not stop them (see the certificate)",
             )
     return answer(
         status=f"undecided: residual {residual:.1e} and no certified mechanism; the load is at "

@@ -82,7 +82,7 @@ def column_weights(norm: Norm, areas: FloatArray) -> FloatArray:
 
 def _infeasible_status() -> str:
     return (
-        "no equilibrium: the load activates a mechanism (see the certificate); "
+        "no equilibrium: the load sets blocks in motion (see the certificate); "
         "change the shape, fix more blocks or change the direction of the load"
     )
 
@@ -94,7 +94,7 @@ def _balanced(residual: float) -> str:
 def _undecided(residual: float) -> str:
     return (
         f"not in equilibrium: relative residual {residual:.1e} exceeds "
-        f"{EQUILIBRIUM_TOLERANCE:.0e} and no load-activated mechanism was certified; "
+        f"{EQUILIBRIUM_TOLERANCE:.0e} and no motion under the load was certified; "
         "the load is at the limit of what the contacts carry"
     )
 

@@ -68,6 +68,15 @@ def test_an_arch_that_stands_with_friction_is_said_to_stand(tmp_path: Path) -> N
     assert any("activated: a mechanism exists" in row.split("│")[2] for row in others)
 
 
+def test_words_of_the_paper_stand_in_its_own_row() -> None:
+    """What is asked first is whether the load is carried, in words of statics."""
+    answer = solve(load_case("brick-stack", method="rigid"))
+    assert "not carried" in answer.title
+    rows = answer.as_dict()["rows"]
+    named = [row for row in rows if re.search("activat|suppress|neutral", row["words"])]
+    assert [row["title"] for row in named] == ["class of the paper (no friction)"]
+
+
 def test_a_block_that_only_lies_there_is_held_down_by_its_weight(tmp_path: Path) -> None:
     """Nothing but its weight resists a push upwards; the block below resists one downwards."""
     path = cubes(tmp_path, [[0, 0, 0], [0, 0, 100]], [0])

@@ -224,3 +224,8 @@ def test_names_of_faces_are_those_of_the_file(stack):
         pytest.skip("hexahedra have names")
     with pytest.raises(ValueError, match="has no face 'outer'; expected a plane or a box"):
         case(stack, held=(HeldFace(1, "outer"),))
+
+
+def test_an_unnamed_support_is_called_by_its_region_in_six_digits() -> None:
+    plane = Plane(np.array([0.1 + 0.2, -0.0, 1000.0 / 3.0]), np.array([0.0, 0.0, 1.0]))
+    assert HeldFace(0, plane).title == "the plane through (0.3, 0, 333.333) normal to (0, 0, 1)"
