@@ -3,9 +3,7 @@
 At a stage some blocks are placed; their weight alone acts. Forces of the joints balance it, with
 friction or without, or props must help: upward forces at corners of a block's free underside, or
 forces along the normals of these faces (a centering). The least propping is the least sum of the
-vertical parts of these forces, a cone program beside that of the joints. That sum is unique, its
-shares are not: of all that have it, those are taken whose squares, of the forces of props on each
-block and of the joints, have the least sum. They do not depend on how blocks are numbered.
+vertical parts of these forces (`mbd.building.propping`).
 
 References: Kao, Iannuzzo, Thomaszewski, Coros, Van Mele, Block, "Coupled rigid-block analysis",
 Computer-Aided Design 146 (2022); Wilson and Latombe, "Geometric reasoning about mechanical
@@ -26,54 +24,38 @@ import scipy.sparse as sp
 from scipy.sparse.csgraph import connected_components
 
 from geometry.assembly import Assembly
-from geometry.errors import RefusedError
 from geometry.loads import LoadCase
 from geometry.machine.work import allowance, budget, clock
-from geometry.mesh import BoolArray, FloatArray, IntArray
+from geometry.mesh import BoolArray, FloatArray
 from geometry.parts.balance import of_fixed_blocks, together
-from geometry.parts.block_selection import numbers_of
 from geometry.parts.measures import joint_resultants
 from geometry.parts.placed import AnyBlocks
 from geometry.parts.rows import Row, finite, first_of, grouped, number
 from mbd.analysis import RigidStatement, Stated, rubbing
-from mbd.building.take_out import Removal, WayOut, take_out
-from mbd.contacts.jacobian import Contacts, contact_jacobian, contact_wrenches
+from mbd.building.order import Order, StagesError
+from mbd.building.propping import NO_PROP, least_propping
+from mbd.building.take_out import Removal, WayOut
+from mbd.contacts.jacobian import contact_jacobian, contact_wrenches
 from mbd.contacts.supports import support_wrenches
-from mbd.friction.equilibrium import admissible_cones
 from mbd.friction.loading import MOST_SECONDS
 from mbd.friction.squeeze import squeeze
 from mbd.frictionless.equilibrium import column_weights, equilibrium
 from mbd.frictionless.mechanism import Classification, MechanismClass
 from mbd.options import Along, Rigid, Stages
-from mbd.programs import Work, least_conic
 from mbd.results.parts import Question
 
 if TYPE_CHECKING:
     from geometry.answer import Answer
     from mbd.results.motion import Motion
 
-#: Props below this part of the weight that is placed are none.
-NO_PROP = 1e-6
 #: Reference seconds of all stages but the last for whether joints are pressed beforehand.
 _SQUEEZES = 15.0
-#: By which the sum of props may miss the least one, over the weight: shares are sought within.
-_LOOSE = 1e-8
 #: Stages that are printed at most.
 _SHOWN = 24
 #: Forces below this part of the weight are printed as none.
 _NOTHING = 1e-9
 #: Props below this part of the largest one of a stage are not named.
 _NAMED = 1e-3
-#: Faces whose normal points down by more than this can be propped (cosine).
-_DOWN = 0.05
-#: Faces of which joints cover more than this part are not free.
-_COVERED = 0.99
-#: Heights that differ by less than this part of a block's length are one layer.
-_LEVEL = 1e-3
-
-
-class StagesError(RefusedError):
-    """An order that cannot be followed; the message names the block."""
 
 
 class Stands(StrEnum):
@@ -83,81 +65,6 @@ class Stands(StrEnum):
     PRESSED = "stands only if pressed (unproved)"
     PROPS = "needs props"
     FALLS = "falls: these props do not hold it"
-
-
-@dataclass(frozen=True)
-class _Order:
-    """What is stated, of some blocks."""
-
-    stated: Stages
-    blocks: AnyBlocks
-    fixed: BoolArray
-
-    def placed(self, tell: Callable[[str], None]) -> list[tuple[int, ...]]:
-        """Blocks that each stage places."""
-        if self.stated.order == "layers":
-            return _layers(self.blocks, self.fixed)
-        if self.stated.order == "found":
-            out = take_out(self.blocks, tell)
-            if out.left:
-                raise StagesError(f"stages.order: 'found' finds none: {out.words}; state a list")
-            return list(out.assembly_order)
-        result: list[tuple[int, ...]] = []
-        for one in self.stated.order:
-            several = one if isinstance(one, tuple) else (one,)
-            stage = [k for each in several for k in self._numbers("order", each)]
-            again = [k for k in stage if any(k in other for other in result) or stage.count(k) > 1]
-            if again:
-                raise StagesError(
-                    f"stages.order: got block {self.blocks.named(again[0])} twice; expected each "
-                    "once"
-                )
-            if not stage:
-                raise StagesError(
-                    "stages.order: got a stage without blocks; expected a block, or a list of them"
-                )
-            result.append(tuple(stage))
-        known = {k for stage in result for k in stage}
-        missing = [k for k in np.flatnonzero(~self.fixed).tolist() if k not in known]
-        if missing:
-            raise StagesError(
-                f"stages.order: block {self.blocks.named(missing[0])} is in no stage"
-                + (f", nor are {len(missing) - 1} more" if len(missing) > 1 else "")
-                + "; expected every free block once"
-            )
-        return result
-
-    def may_be_propped(self) -> BoolArray:
-        """Which blocks may be propped, (n_blocks,)."""
-        result = np.full(self.blocks.n_blocks, self.stated.props is None)
-        for one in self.stated.props or ():
-            result[self._numbers("props", one)] = True
-        return result
-
-    def _numbers(self, key: str, one: int | str) -> list[int]:
-        names = self.blocks.names or ("",) * self.blocks.n_blocks
-        return numbers_of(f"stages.{key}", one, names)
-
-
-def _layers(blocks: AnyBlocks, fixed: BoolArray) -> list[tuple[int, ...]]:
-    """Blocks of each layer, or of each height, the lowest first; a last fixed layer last."""
-    if isinstance(blocks, Assembly):
-        level = blocks.layer
-    else:
-        height = blocks.centroids[:, 2]
-        order = np.argsort(height, kind="stable")
-        step = np.diff(height[order], prepend=height[order[0]])
-        level = np.empty(len(order), np.int64)
-        level[order] = np.cumsum(step > _LEVEL * blocks.characteristic_length)
-    first = level[~fixed].min()
-    stages = []
-    for one in np.unique(level):
-        here = np.flatnonzero(level == one)
-        # Fixed blocks among free ones and below them are there before.
-        late = here if one > level[~fixed].max() else here[~fixed[here]]
-        if one >= first and len(late):
-            stages.append(tuple(late.tolist()))
-    return stages
 
 
 @dataclass(frozen=True)
@@ -464,8 +371,8 @@ class Construction:
         return self._order.may_be_propped()
 
     @cached_property
-    def _order(self) -> _Order:
-        return _Order(self.stated, self.problem.rigid_blocks, self.fixed)
+    def _order(self) -> Order:
+        return Order(self.stated, self.problem.rigid_blocks, self.fixed)
 
     def _there(self, n: int) -> BoolArray:
         """What is placed after so many stages, (n_blocks,)."""
@@ -537,6 +444,7 @@ class Construction:
         question = self._question(blocks, load)
         balance, props = question.balance, np.zeros((blocks.n_blocks, 6))
         stands, forces, sought = Stands.STANDS, None, 0.0
+        size = float(np.linalg.norm(load.wrenches[~load.fixed, :3].sum(axis=0)))
         if balance is None and question.smooth.holds:
             normal = question.smooth.forces
             forces = np.column_stack([normal, np.zeros((len(normal), 2))])
@@ -547,10 +455,15 @@ class Construction:
             stands = self._pressed(question, forces, left)
             sought = before - allowance().work
         else:
-            forces, props, stands = self._propped(question, there & self._may)
+            may = there & self._may & ~self.fixed
+            propped = least_propping(question, self.search.sweeps, may, self.stated.along)
+            stands = Stands.FALLS
+            if propped is not None:
+                forces, props = propped
+                needed = props[:, 2].sum() > NO_PROP * size
+                stands = Stands.PROPS if needed else Stands.STANDS
         thrust = largest = residual = np.nan
         if forces is not None:
-            size = float(np.linalg.norm(load.wrenches[~load.fixed, :3].sum(axis=0)))
             thrust, largest, residual = (
                 x if x > _NOTHING * size else 0.0 for x in _held(question, forces, props)
             )
@@ -657,146 +570,6 @@ class Construction:
                 "is held, and it may not be propped; place its neighbours before it, or name it "
                 "among the props"
             )
-
-    def _unit_props(
-        self, blocks: AnyBlocks, may: BoolArray
-    ) -> tuple[IntArray, FloatArray, FloatArray]:
-        """Block, direction (n, 3) and wrench about the block's centroid (n, 6) of each prop."""
-        covered = self._covered(blocks)
-        sweeps, owner, ways, wrenches = self.search.sweeps, [], [], []
-        for block in np.flatnonzero(may & ~self.fixed).tolist():
-            shape = sweeps.shapes[int(blocks.shape_of[block])]
-            normals = shape.plane_normals @ blocks.rotations[block].T
-            share = covered.get(block, np.zeros(len(normals))) / shape.plane_areas
-            planes = np.flatnonzero((normals[:, 2] < -_DOWN) & (share < _COVERED))
-            rows = np.concatenate(
-                [
-                    np.column_stack([np.unique(shape.triangles[shape.plane_of == p]), [p] * k])
-                    for p in planes.tolist()
-                    if (k := len(np.unique(shape.triangles[shape.plane_of == p])))
-                ]
-                or [np.zeros((0, 2), np.int64)]
-            )
-            if self.stated.along is Along.UP:
-                corners = np.unique(rows[:, 0])
-                along = np.tile([0.0, 0.0, 1.0], (len(corners), 1))
-            else:
-                corners, along = rows[:, 0], -normals[rows[:, 1]]
-            arm = sweeps.points[block][corners] - blocks.centroids[block]
-            owner += [block] * len(corners)
-            ways.append(along)
-            wrenches.append(np.hstack([along, np.cross(arm, along)]))
-        none = np.zeros((0, 3))
-        return (
-            np.array(owner, np.int64),
-            np.concatenate([none, *ways]),
-            np.concatenate([np.zeros((0, 6)), *wrenches]),
-        )
-
-    def _covered(self, blocks: AnyBlocks) -> dict[int, FloatArray]:
-        """Area of the joints on each plane of the blocks that touch others, by block."""
-        found, sweeps = blocks.interfaces, self.search.sweeps
-        result: dict[int, FloatArray] = {}
-        for own, sign in ((found.block_m, 1.0), (found.block_s, -1.0)):
-            for block in np.unique(own).tolist():
-                shape = sweeps.shapes[int(blocks.shape_of[block])]
-                normals = shape.plane_normals @ blocks.rotations[block].T
-                at = np.flatnonzero(own == block)
-                first = np.zeros(len(normals), np.int64)
-                first[shape.plane_of[::-1]] = np.arange(len(shape.plane_of))[::-1]
-                base = sweeps.points[block][shape.triangles[first, 0]]
-                away = np.einsum("cpi,pi->cp", found.centroids[at][:, None] - base, normals)
-                turned = 1.0 - (sign * found.normals[at]) @ normals.T
-                plane = (np.abs(away) / blocks.characteristic_length + turned).argmin(axis=1)
-                area = np.bincount(plane, found.areas[at], len(normals))
-                result[block] = result.get(block, 0.0) + area
-        return result
-
-    def _propped(
-        self, question: Question, may: BoolArray
-    ) -> tuple[FloatArray | None, FloatArray, Stands]:
-        """Forces of the joints, props about mass centroids (n_blocks, 6), and the verdict."""
-        blocks, contacts = question.blocks, question.contacts
-        props = np.zeros((blocks.n_blocks, 6))
-        owner, along, wrenches = self._unit_props(blocks, may)
-        if not len(owner):
-            return None, props, Stands.FALLS
-        columns = _columns(contacts, owner, wrenches)
-        found = _least_propping(question, columns, along, owner)
-        if found is None:
-            return None, props, Stands.FALLS
-        forces, sizes = found
-        np.add.at(props, owner, sizes[:, None] * wrenches)
-        weight = question.load.wrenches[:, :3].sum(axis=0)
-        needed = props[:, 2].sum() > NO_PROP * np.linalg.norm(weight)
-        return forces, props, Stands.PROPS if needed else Stands.STANDS
-
-
-def _columns(contacts: Contacts, owner: IntArray, wrenches: FloatArray) -> sp.csc_array:
-    """Wrenches (n, 6) of unit props in the rows of the free blocks, (n_rows, n)."""
-    number_of = np.full(int(contacts.free_blocks.max()) + 1, -1)
-    number_of[contacts.free_blocks] = np.arange(len(contacts.free_blocks))
-    scaled = wrenches * np.repeat([1.0, 1.0 / contacts.length], 3)
-    rows = 6 * number_of[owner][:, None] + np.arange(6)
-    columns = np.repeat(np.arange(len(owner)), 6)
-    shape = 6 * len(contacts.free_blocks), len(owner)
-    result = sp.coo_array((scaled.ravel(), (rows.ravel(), columns)), shape).tocsc()
-    motions = contacts.jacobian.motions
-    if motions is not None:
-        result = sp.block_diag([sp.csc_array(each) for each in motions], format="csc") @ result
-    return result
-
-
-def _least_propping(
-    question: Question, props: sp.csc_array, along: FloatArray, owner: IntArray
-) -> tuple[FloatArray, FloatArray] | None:
-    """Forces of the joints (n_contacts, 3) and props (n,) of least sum; None: nothing balances.
-
-    Of all that have it, to `_LOOSE`, those of least squares: of the forces of props on each block,
-    and of the joints as elsewhere.
-    """
-    import clarabel
-
-    frictional, load = question.frictional, question.all_loads
-    n, k, size = 3 * frictional.n_contacts, len(along), float(np.linalg.norm(load))
-    joints, cones = admissible_cones(frictional)
-    rows: Any = sp.block_diag([joints, sp.eye_array(k + 1)]) if n else sp.eye_array(k + 1)
-    # The last unknown is what the sum misses of its limit.
-    total = np.concatenate([np.zeros(n), along[:, 2], [1.0]])
-    column = np.ones(n // 3) if question.weights is None else question.weights
-    axis = 3 * owner[:, None] + np.arange(3)
-    entries = along.ravel(), (axis.ravel(), np.repeat(np.arange(k), 3))
-    of_block = sp.coo_array(entries, (int(axis.max()) + 1, k)).tocsc()
-    squares = sp.block_diag(
-        [sp.diags_array(np.repeat(column**-2.0, 3)), of_block.T @ of_block, sp.csc_array((1, 1))]
-    )
-    balance: Any = sp.hstack([frictional.matrix, props, sp.csc_array((len(load), 1))])
-    limited: Any = sp.vstack([balance, sp.csc_array(total[None])])
-    none = sp.csc_array(squares.shape)
-
-    def solved(limit: float | None) -> FloatArray | None:
-        """Unknowns of least sum, or of least squares within a limit of the sum."""
-        first = limit is None
-        solution = least_conic(
-            quadratic=none if first else squares,
-            cost=total if first else np.zeros(len(total)),
-            equal=balance if first else limited,
-            target=-load / size if limit is None else np.append(-load / size, limit),
-            rows=rows,
-            cones=[*cones, clarabel.NonnegativeConeT(k + 1)],
-            work=Work(),
-        )
-        x = np.asarray(solution.x)
-        if not np.isfinite(x).all():
-            return None
-        x = np.concatenate([frictional.projected(x[:n].reshape(-1, 3)).ravel(), x[n:].clip(0.0)])
-        return x if np.linalg.norm(balance @ x + load / size) <= NO_PROP else None
-
-    least = solved(None)
-    found = None if least is None else solved(float(total @ least) + _LOOSE)
-    if found is None:
-        return None
-    return size * found[:n].reshape(-1, 3), size * found[n:-1]
 
 
 def _held(question: Question, forces: FloatArray, props: FloatArray) -> tuple[float, float, float]:

@@ -14,7 +14,8 @@ from geometry.errors import RefusedError
 from geometry.families.masonry import CircularArch
 from geometry.polyhedra.assembly import PolyhedralAssembly, polyhedral_assembly
 from mbd import analyse, stages, take_out
-from mbd.building.stages import StagesError, Stands
+from mbd.building.order import StagesError
+from mbd.building.stages import Stands
 from mbd.options import Along, Stages
 from tests.support.assemblies import boxes
 from tests.support.dome import hemisphere

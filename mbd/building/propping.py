@@ -1,0 +1,176 @@
+"""The least propping of blocks that do not stand.
+
+Props push up, or along the normals of a centering, at corners of faces that look down and are free.
+Their least sum of vertical parts is a cone program beside the forces of the joints. That sum is
+unique, its shares are not: of all that have it, those are taken whose squares, of the forces of
+props on each block and of the joints, have the least sum. They do not depend on how blocks are
+numbered.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import scipy.sparse as sp
+
+from geometry.mesh import BoolArray, FloatArray, IntArray
+from geometry.parts.placed import AnyBlocks
+from mbd.building.sweeps import Sweeps
+from mbd.contacts.jacobian import Contacts
+from mbd.friction.equilibrium import admissible_cones
+from mbd.options import Along
+from mbd.programs import Work, least_conic
+from mbd.results.parts import Question
+
+#: Props below this part of the weight that is placed are none.
+NO_PROP = 1e-6
+#: By which the sum of props may miss the least one, over the weight: shares are sought within.
+_LOOSE = 1e-7
+#: Faces whose normal points down by more than this can be propped (cosine).
+_DOWN = 0.05
+#: Faces of which joints cover more than this part are not free.
+_COVERED = 0.99
+
+
+def least_propping(
+    question: Question, sweeps: Sweeps, may: BoolArray, direction: Along
+) -> tuple[FloatArray, FloatArray] | None:
+    """Forces of the joints (n_contacts, 3), and props about centroids (n_blocks, 6) [N, N mm].
+
+    ``may``: which blocks may be propped, (n_blocks,). None: nothing balances the weight.
+    """
+    owner, along, wrenches = _unit_props(question.blocks, sweeps, may, direction)
+    if not len(owner):
+        return None
+    columns = _columns(question.contacts, owner, wrenches)
+    found = _least(question, columns, along, owner)
+    if found is None:
+        return None
+    forces, sizes = found
+    props = np.zeros((question.blocks.n_blocks, 6))
+    np.add.at(props, owner, sizes[:, None] * wrenches)
+    return forces, props
+
+
+def _unit_props(
+    blocks: AnyBlocks, sweeps: Sweeps, may: BoolArray, direction: Along
+) -> tuple[IntArray, FloatArray, FloatArray]:
+    """Block, direction (n, 3) and wrench about the block's centroid (n, 6) of each prop."""
+    covered, owner, ways, wrenches = _covered(blocks, sweeps), [], [], []
+    for block in np.flatnonzero(may).tolist():
+        shape = sweeps.shapes[int(blocks.shape_of[block])]
+        normals = shape.plane_normals @ blocks.rotations[block].T
+        share = covered.get(block, np.zeros(len(normals))) / shape.plane_areas
+        planes = np.flatnonzero((normals[:, 2] < -_DOWN) & (share < _COVERED))
+        rows = np.concatenate(
+            [
+                np.column_stack([np.unique(shape.triangles[shape.plane_of == p]), [p] * k])
+                for p in planes.tolist()
+                if (k := len(np.unique(shape.triangles[shape.plane_of == p])))
+            ]
+            or [np.zeros((0, 2), np.int64)]
+        )
+        if direction is Along.UP:
+            corners = np.unique(rows[:, 0])
+            along = np.tile([0.0, 0.0, 1.0], (len(corners), 1))
+        else:
+            corners, along = rows[:, 0], -normals[rows[:, 1]]
+        arm = sweeps.points[block][corners] - blocks.centroids[block]
+        owner += [block] * len(corners)
+        ways.append(along)
+        wrenches.append(np.hstack([along, np.cross(arm, along)]))
+    none = np.zeros((0, 3))
+    return (
+        np.array(owner, np.int64),
+        np.concatenate([none, *ways]),
+        np.concatenate([np.zeros((0, 6)), *wrenches]),
+    )
+
+
+def _covered(blocks: AnyBlocks, sweeps: Sweeps) -> dict[int, FloatArray]:
+    """Area of the joints on each plane of the blocks that touch others, by block."""
+    found = blocks.interfaces
+    result: dict[int, FloatArray] = {}
+    for own, sign in ((found.block_m, 1.0), (found.block_s, -1.0)):
+        for block in np.unique(own).tolist():
+            shape = sweeps.shapes[int(blocks.shape_of[block])]
+            normals = shape.plane_normals @ blocks.rotations[block].T
+            at = np.flatnonzero(own == block)
+            first = np.zeros(len(normals), np.int64)
+            first[shape.plane_of[::-1]] = np.arange(len(shape.plane_of))[::-1]
+            base = sweeps.points[block][shape.triangles[first, 0]]
+            away = np.einsum("cpi,pi->cp", found.centroids[at][:, None] - base, normals)
+            turned = 1.0 - (sign * found.normals[at]) @ normals.T
+            plane = (np.abs(away) / blocks.characteristic_length + turned).argmin(axis=1)
+            area = np.bincount(plane, found.areas[at], len(normals))
+            result[block] = result.get(block, 0.0) + area
+    return result
+
+
+def _columns(contacts: Contacts, owner: IntArray, wrenches: FloatArray) -> sp.csc_array:
+    """Wrenches (n, 6) of unit props in the rows of the free blocks, (n_rows, n)."""
+    number_of = np.full(int(contacts.free_blocks.max()) + 1, -1)
+    number_of[contacts.free_blocks] = np.arange(len(contacts.free_blocks))
+    scaled = wrenches * np.repeat([1.0, 1.0 / contacts.length], 3)
+    rows = 6 * number_of[owner][:, None] + np.arange(6)
+    columns = np.repeat(np.arange(len(owner)), 6)
+    shape = 6 * len(contacts.free_blocks), len(owner)
+    result = sp.coo_array((scaled.ravel(), (rows.ravel(), columns)), shape).tocsc()
+    motions = contacts.jacobian.motions
+    if motions is not None:
+        result = sp.block_diag([sp.csc_array(each) for each in motions], format="csc") @ result
+    return result
+
+
+def _least(
+    question: Question, props: sp.csc_array, along: FloatArray, owner: IntArray
+) -> tuple[FloatArray, FloatArray] | None:
+    """Forces of the joints (n_contacts, 3) and props (n,) of least sum; None: nothing balances.
+
+    Of all that have it, to `_LOOSE`, those of least squares: of the forces of props on each block,
+    and of the joints as elsewhere.
+    """
+    import clarabel
+
+    frictional, load = question.frictional, question.all_loads
+    n, k, size = 3 * frictional.n_contacts, len(along), float(np.linalg.norm(load))
+    joints, cones = admissible_cones(frictional)
+    rows: Any = sp.block_diag([joints, sp.eye_array(k + 1)]) if n else sp.eye_array(k + 1)
+    # The last unknown is what the sum misses of its limit.
+    total = np.concatenate([np.zeros(n), along[:, 2], [1.0]])
+    column = np.ones(n // 3) if question.weights is None else question.weights
+    axis = 3 * owner[:, None] + np.arange(3)
+    entries = along.ravel(), (axis.ravel(), np.repeat(np.arange(k), 3))
+    of_block = sp.coo_array(entries, (int(axis.max()) + 1, k)).tocsc()
+    squares = sp.block_diag(
+        [sp.diags_array(np.repeat(column**-2.0, 3)), of_block.T @ of_block, sp.csc_array((1, 1))]
+    )
+    balance: Any = sp.hstack([frictional.matrix, props, sp.csc_array((len(load), 1))])
+    limited: Any = sp.vstack([balance, sp.csc_array(total[None])])
+    none = sp.csc_array(squares.shape)
+
+    def solved(limit: float | None) -> FloatArray | None:
+        """Unknowns of least sum, or of least squares within a limit of the sum."""
+        first = limit is None
+        solution = least_conic(
+            quadratic=none if first else squares,
+            cost=total if first else np.zeros(len(total)),
+            equal=balance if first else limited,
+            target=-load / size if limit is None else np.append(-load / size, limit),
+            rows=rows,
+            cones=[*cones, clarabel.NonnegativeConeT(k + 1)],
+            work=Work(),
+        )
+        x = np.asarray(solution.x)
+        if not np.isfinite(x).all():
+            return None
+        x = np.concatenate([frictional.projected(x[:n].reshape(-1, 3)).ravel(), x[n:].clip(0.0)])
+        return x if np.linalg.norm(balance @ x + load / size) <= NO_PROP else None
+
+    least = solved(None)
+    if least is None:
+        return None
+    shared = solved(float(total @ least) + _LOOSE)
+    found = least if shared is None else shared
+    return size * found[:n].reshape(-1, 3), size * found[n:-1]
