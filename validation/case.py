@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 from fem.method import Explicit, Static
 from mbd.options import Rigid
 from validation.errors import InputError, named
-from validation.scene.deformable import METHODS, EffectName, parse_share
+from validation.scene.combinations import combined
+from validation.scene.deformable import METHODS, EffectName, stated_share
 from validation.scene.family import RoundScene
 from validation.scene.keys.quantities import unit_of_key
 from validation.scene.keys.toml_text import flat, toml_value
@@ -86,9 +87,7 @@ class Case:
             return self.stated
         from validation.build.problem import rigid_problem, scene_problem
 
-        if isinstance(self.method, Rigid):
-            return rigid_problem(self.scene, self.name, self.blocks)
-        return scene_problem(self.scene, self.name)
+        return rigid_problem(self) if isinstance(self.method, Rigid) else scene_problem(self)
 
     def check(self) -> Problem:
         """Return the problem, of which everything is rejected here that its method cannot answer.
@@ -141,6 +140,11 @@ class Case:
         return None if self.source is None else self.source.effects.auto
 
     @property
+    def meets(self) -> bool:
+        """Whether its blocks meet; else they are single bodies."""
+        return self.scene.meets
+
+    @property
     def kind(self) -> str:
         """Type of its blocks."""
         return str(self.scene.block.type)
@@ -149,6 +153,18 @@ class Case:
     def is_tube(self) -> bool:
         """Whether its keys make blocks that stand round an axis, in layers."""
         return isinstance(self.source, RoundScene)
+
+    @property
+    def element_counts(self) -> dict[str, Any]:
+        """Values of ``[mesh]`` that count elements; none where every block has its own mesh."""
+        return self.scene.element_counts
+
+    def coarse_mesh(self, wave: int, through: int, other: int) -> dict[str, Any]:
+        """Values of ``[mesh]`` that are lower with at most so many elements.
+
+        Along a wave of the joints or an edge, through the thickness, in the direction that is left.
+        """
+        return self.scene.coarse_mesh(wave, through, other)
 
     @property
     def values(self) -> dict[str, Any]:
@@ -190,6 +206,10 @@ class Case:
     def varied(self, values: Mapping[str, Any]) -> Case:
         """Return the case with other values by key, None and whole sections among them."""
         return self.stating(self.scene.changed(values))
+
+    def combined(self, name: str) -> Case:
+        """Return the case with the loads of one of its combinations."""
+        return replace(self.stating(combined(self.scene, name)), name=f"{self.name}, {name}")
 
     def coarser(self, share: float) -> Case | None:
         """Return the case with about that share of the elements along every edge.
@@ -271,11 +291,6 @@ def load_case(
     return case if method is None else case.with_method(method)
 
 
-def scene_case(scene: DeformableScene, name: str) -> Case:
-    """Case of a scene that was made, not read."""
-    return Case(name=name, source=scene, method=scene.method)
-
-
 def settings_words(settings: Settings) -> list[str]:
     """Settings as the command line has them."""
     if not isinstance(settings, Mapping):
@@ -285,7 +300,7 @@ def settings_words(settings: Settings) -> list[str]:
 
 def require_deformable(case: Case, command: str) -> None:
     """Reject a case without deformable blocks in contact."""
-    if not case.scene.meets:
+    if not case.meets:
         raise InputError(
             f"{case.name}: block.type {case.kind!r} has no deformable blocks in "
             f"contact, and `tubelock {command}` needs them; expected a scene such as tsb1-pipe"
@@ -300,7 +315,7 @@ def with_auto(case: Case, tolerance: str | None, keep: Iterable[str] = ()) -> Ca
     names = tuple(keep)
     if tolerance is None and not names:
         return case
-    if not case.scene.meets:
+    if not case.meets:
         raise InputError(
             f"{case.name}: --auto compares contact pressures of deformable blocks; expected a "
             "scene with contact, such as tsb1-pipe"
@@ -312,7 +327,4 @@ def with_auto(case: Case, tolerance: str | None, keep: Iterable[str] = ()) -> Ca
         raise InputError(f"--keep {unknown[0]}: expected one of {', '.join(EffectName)}")
     if tolerance is None:
         return case
-    share = parse_share(tolerance)
-    if share is None:
-        raise InputError(f"--auto {tolerance}: expected a share between 0 and 100 %, such as 1%")
-    return case.varied({"effects.auto": share})
+    return case.varied({"effects.auto": stated_share("--auto", tolerance)})

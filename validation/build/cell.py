@@ -15,15 +15,15 @@ from geometry.loads import CASES
 from validation.errors import InputError, named
 from validation.scene.family import RoundScene, round_types
 from validation.scene.plausibility import check_block_size
-from validation.scene.read import DeformableScene
 
 if TYPE_CHECKING:
     from validation.case import Case
 
 
-def check_cell(scene: DeformableScene, name: str) -> RoundScene:
+def check_cell(case: Case) -> RoundScene:
     """Return the scene if a periodic cell can stand for it."""
-    head, remedy = f'{name}: fem.symmetry = "periodic cell"', 'expected that, or "auto"'
+    scene = case.scene
+    head, remedy = f'{case.name}: fem.symmetry = "periodic cell"', 'expected that, or "auto"'
     if not isinstance(scene, RoundScene):
         raise InputError(
             f"{head}: got block.type {scene.block.type!r}, whose layers are not those of a tube; "
@@ -57,12 +57,12 @@ def check_cell(scene: DeformableScene, name: str) -> RoundScene:
     return scene
 
 
-def build_cell(scene: DeformableScene, name: str) -> Assembly:
+def build_cell(case: Case) -> Assembly:
     """Two layers of a tube and the images that they meet."""
-    tube = check_cell(scene, name)
-    with named(name):
+    tube = check_cell(case)
+    with named(case.name):
         assembly = tube.build_cell()
-        check_block_size(scene, assembly)
+        check_block_size(tube, assembly)
     return assembly
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -30,9 +30,13 @@ from validation.scene.plausibility import check_block_size, too_large_to_deform
 from validation.scene.polyhedra import PolyhedralScene
 from validation.scene.read import DeformableScene
 
+if TYPE_CHECKING:
+    from validation.case import Case
 
-def _refuse(scene: DeformableScene, name: str) -> None:
+
+def _refuse(case: Case) -> None:
     """Reject what no method of deformable blocks has, before blocks are built."""
+    scene, name = case.scene, case.name
     if scene.effects.auto is not None:
         raise InputError(
             f"{name}: effects.auto is decided by `tubelock fem` and `compare`; here, write the "
@@ -82,15 +86,16 @@ def build_law(scene: DeformableScene, assembly: AnyBlocks, *, sliding: bool) -> 
     return PairLaws(law, of_pairs) if of_pairs else law
 
 
-def _build_hexahedra(scene: DeformableScene, name: str) -> LoadCase:
+def _build_hexahedra(case: Case) -> LoadCase:
     """Build the load of a scene on its blocks, every one with hexahedra."""
+    scene = case.scene
     if isinstance(scene, PolyhedralScene):
         if scene.is_cell:
-            check_cell(scene, name)
+            check_cell(case)
         from validation.build.polyhedra import build_own_blocks
 
-        return build_own_blocks(scene, name)
-    return scene_load(scene, build_cell(scene, name)) if scene.is_cell else build_blocks(scene)
+        return build_own_blocks(scene, case.name)
+    return scene_load(scene, build_cell(case)) if scene.is_cell else build_blocks(scene)
 
 
 def scene_load(scene: AssemblyScene, assembly: Assembly) -> LoadCase:
@@ -145,12 +150,10 @@ def _stated(scene: DeformableScene, load: LoadCase, *, rigid: bool) -> Problem:
     )
 
 
-def rigid_problem(scene: DeformableScene, name: str, known: Assembly | None = None) -> Problem:
-    """State the problem of a scene for rigid blocks: solids stay solids.
-
-    ``known`` are hexahedral blocks that are built already.
-    """
-    with named(name):
+def rigid_problem(case: Case) -> Problem:
+    """State the problem of a scene for rigid blocks: solids stay solids."""
+    scene = case.scene
+    with named(case.name):
         if isinstance(scene, PolyhedralScene):
             from validation.build.polyhedra import build_live_load, build_polyhedra
 
@@ -160,20 +163,20 @@ def rigid_problem(scene: DeformableScene, name: str, known: Assembly | None = No
             return _stated(scene, stated_load(scene, solids, load), rigid=True)
         if not scene.meets:
             raise InputError(
-                f"{name}: block.type {scene.block.type!r} is one deformable body without contacts; "
+                f"{case.name}: block.type {case.kind!r} is one deformable body without contacts; "
                 "`tubelock mbd` needs an assembly, such as tsb1-pipe"
             )
-        load = build_blocks(scene) if known is None else scene_load(scene, known)
+        load = build_blocks(scene) if case.blocks is None else scene_load(scene, case.blocks)
         return _stated(scene, load, rigid=True)
 
 
-def scene_problem(scene: DeformableScene, name: str) -> Problem:
+def scene_problem(case: Case) -> Problem:
     """State the problem of a scene for deformable blocks: solids have hexahedra."""
-    _refuse(scene, name)  # before blocks are built that no memory holds
-    load = _build_hexahedra(scene, name)
-    with named(name):
-        problem = _stated(scene, load, rigid=False)
-        cut = scene_planes(scene, problem.blocks)
+    _refuse(case)  # before blocks are built that no memory holds
+    load = _build_hexahedra(case)
+    with named(case.name):
+        problem = _stated(case.scene, load, rigid=False)
+        cut = scene_planes(case.scene, problem.blocks)
         if cut is not None:
             from fem.stresses.sections import check_planes
 

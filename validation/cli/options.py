@@ -126,9 +126,12 @@ def decided(
     """The case with its effects decided where it leaves that to the program, and the decision."""
     if case.auto is None:
         return case, {}
-    from validation.study.effects import report
+    from validation.output.progress import following
+    from validation.study.effects.auto import decide_effects
 
-    case, decision = report.decided(case, console, keep or ())
+    with following(f"{case.name}: which effects matter") as follow:
+        case, decision = decide_effects(case, keep or (), told=follow)
+    console.print(decision.words)
     return case, {"effects_decision": decision.as_json()}
 
 

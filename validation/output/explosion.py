@@ -22,7 +22,6 @@ from mbd import MechanismClass, contact_jacobian
 from mbd.frictionless.equilibrium import Equilibrium, newton_equilibrium
 from mbd.frictionless.mechanism import classify
 from validation.case import Case
-from validation.scene.family import RoundScene
 
 #: Displacements looked at, in wall thicknesses.
 STEPS = (0.001, 0.003, 0.01, 0.03, 0.1, 0.25, 0.5, 0.75, 1.0)
@@ -236,19 +235,18 @@ class Explosion:
         }
 
 
-def _surfaces(scene: RoundScene) -> dict[str, Any]:
+def _surfaces(case: Case) -> dict[str, Any]:
     """Keys of three layers with a mesh fine enough for surfaces, coarse enough for many distances.
 
     Layers repeat with period two, so more of them show no other pair of neighbours.
     """
-    layers = min(scene.assembly.layers, 3)
-    return {"mesh": scene.coarse_mesh(12, 6, 8), "assembly.layers": layers}
+    layers = min(case.values["assembly.layers"], 3)
+    return {"mesh": case.coarse_mesh(12, 6, 8), "assembly.layers": layers}
 
 
 def run_explosion(case: Case) -> Explosion:
     """Judge the explosion of a tube of rigid blocks."""
     start = time.process_time()
-    scene: Any = case.scene
     assembly = case.problem.blocks
     directions = outward_directions(assembly)
     first = first_order_explosion(assembly, directions)
@@ -256,9 +254,9 @@ def run_explosion(case: Case) -> Explosion:
     push = np.zeros((len(contacts.free_blocks), 6))
     push[:, :3] = directions[contacts.free_blocks]
     held = classify(contacts.jacobian, push.ravel()).mechanism
-    short = case.varied(_surfaces(scene)).problem.blocks
+    short = case.varied(_surfaces(case)).problem.blocks
     surfaces, outward = as_polyhedral(short), outward_directions(short)
-    thickness = scene.thickness
+    thickness = case.values["block.thickness"]
     finite = follow_explosion(surfaces, outward, thickness * np.array(STEPS), TOLERANCE * thickness)
     seconds = time.process_time() - start
     return Explosion(

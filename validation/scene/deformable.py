@@ -24,6 +24,7 @@ from fem.system.effects import BulkViscosity, RayleighDamping
 from geometry.errors import is_number
 from geometry.parts.options import OptionError
 from mbd.options import Rigid, Stages
+from validation.errors import InputError
 from validation.scene.contact import ContactSection, gap_words
 from validation.scene.keys.docstrings import (
     ACCELERATION,
@@ -203,6 +204,14 @@ def parse_share(value: object) -> float | None:
     except ValueError:
         return None
     return share if 0.0 < share < 1.0 and not isinstance(value, bool) else None
+
+
+def stated_share(option: str, text: str) -> float:
+    """Share that an option states."""
+    share = parse_share(text)
+    if share is None:
+        raise InputError(f"{option} {text}: expected a share between 0 and 100 %, such as 1%")
+    return share
 
 
 class EffectsSection(Section):

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +16,6 @@ from validation.errors import InputError
 from validation.output.answer_files import answer_of
 from validation.output.console import listing
 from validation.output.files import write_csv
-from validation.scene.combinations import combined
 from validation.study.cases import CaseStudy
 from validation.study.design import Quantity
 from validation.study.run import answered
@@ -30,10 +28,7 @@ def combination_cases(file: Case) -> dict[str, Case]:
             f"{file.name}: combinations: got none; expected sections such as [combinations.NAME] "
             "with factors: weight = 1.35, load = 1.5"
         )
-    return {
-        name: replace(file.stating(combined(file.scene, name)), name=f"{file.name}, {name}")
-        for name in file.combinations
-    }
+    return {name: file.combined(name) for name in file.combinations}
 
 
 def combination_answers(

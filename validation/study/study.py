@@ -29,7 +29,7 @@ from typing import Any
 
 from geometry.answer import EVERY_TITLE, TITLES, title_of
 from geometry.errors import RefusedError, unreadable
-from validation.case import Case, scene_case
+from validation.case import Case
 from validation.errors import InputError
 from validation.scene.builtin import builtin_text
 from validation.scene.deformable import parse_share
@@ -193,8 +193,9 @@ class SceneStudy(Study):
         """Case of a design; its scene is checked once."""
         known = self._known.get(number)
         if known is None:
-            scene = apply_overrides(self.scene, _assignments(self.design(number)))
-            known = scene_case(check_scene(scene, self.name), f"{self.name}[{number}]")
+            data = apply_overrides(self.scene, _assignments(self.design(number)))
+            scene, name = check_scene(data, self.name), f"{self.name}[{number}]"
+            known = Case(name=name, source=scene, method=scene.method)
             if len(self._known) < _MOST_KNOWN:
                 self._known[number] = known
         return replace(known)  # what is built for it goes with it

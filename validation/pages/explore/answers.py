@@ -17,7 +17,7 @@ import numpy as np
 
 from geometry.answer import Answer
 from geometry.errors import RefusedError
-from validation.case import Case, scene_case
+from validation.case import Case
 from validation.errors import InputError
 from validation.output.command_files import is_meshed, pictures
 from validation.output.pictures.canvas import View
@@ -150,7 +150,8 @@ def solve_deformable(connection: Any, name: str, data: Mapping[str, Any]) -> Non
 
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the server ends this process
     try:
-        file = scene_case(check_scene(data, name), name)
+        scene = check_scene(data, name)
+        file = Case(name=name, source=scene, method=scene.method)
         connection.send(("done", _deformable_shown(file, partial(_send, connection))))
     except RefusedError as error:
         connection.send(("failed", str(error)))

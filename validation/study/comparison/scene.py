@@ -29,18 +29,19 @@ def compared_runs(
 
     ``progress`` is called with what a run is at.
     """
-    if case.scene.push is not None:
+    refuse_cell(case, "compare")
+    static = case.with_method("static")  # the method is not the scene's to choose here
+    problem = static.check()
+    if any(support.is_push for support in problem.load_case.held):
         raise InputError(
             f"{case.name}: load.push: got a block that is pushed; rigid blocks determine no "
             "contact forces on its way: `tubelock fem` draws force against displacement next to "
             "the rigid limit, `tubelock mbd` prints the limit"
         )
-    refuse_cell(case, "compare")
-    static = case.with_method("static")  # the method is not the scene's to choose here
-    problem = static.check()
-    rigid = _rigid(problem)
+    rigid, stated = _rigid(problem), case.with_method("rigid").method
+    assert isinstance(stated, Rigid)
     cases = [
-        replace(case, method=Rigid(norm=norm, solver=case.scene.rigid.solver), stated=rigid)
+        replace(case, method=Rigid(norm=norm, solver=stated.solver), stated=rigid)
         for norm in Norm  # and no answer further to them
     ]
     cases += [

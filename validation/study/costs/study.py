@@ -19,7 +19,6 @@ from validation.case import Case, Method
 from validation.errors import InputError
 from validation.output.answer_files import answer_of
 from validation.output.provenance import processor
-from validation.scene.family import AssemblyScene
 from validation.study.cases import CaseStudy
 from validation.study.design import Row
 from validation.study.rowfile import StudyRows
@@ -107,23 +106,23 @@ def coarsest_mesh(case: Case) -> dict[str, Any]:
     InputError
         A scene whose methods and meshes cannot be compared.
     """
-    scene, name = case.scene, case.name
-    if not isinstance(scene, AssemblyScene) or not scene.meets:
+    name, head = case.name, f"{case.name}: block.type {case.kind!r}"
+    if case.solids is not None or not case.meets:
         raise InputError(
-            f"{name}: block.type {scene.block.type!r}: the cost of accuracy is that of contact "
-            "pressures on finer and finer meshes; expected a scene whose blocks meet and have "
-            "[mesh], such as tsb1-pipe, thb0-tunnel or planar-sine"
+            f"{head}: the cost of accuracy is that of contact pressures on finer and finer meshes; "
+            "expected a scene whose blocks meet and have [mesh], such as tsb1-pipe, thb0-tunnel "
+            "or planar-sine"
         )
     refuse_cell(case, "cost")
     for effect, why in _REFUSED.items():
-        if getattr(scene.effects, effect):
+        if any(on for key, on in case.values.items() if key.startswith(f"effects.{effect}")):
             raise InputError(f"{name}: effects.{effect}: {why}; remove {effect}")
-    counts = scene.element_counts | scene.coarse_mesh(*_COARSEST)
+    counts = case.element_counts | case.coarse_mesh(*_COARSEST)
     if not counts:
         raise InputError(
-            f"{name}: block.type {scene.block.type!r}: the cost of accuracy is measured on nested "
-            "meshes, and this scene gives a mesh of its own to every block; expected a family with "
-            "[mesh], such as tsb1-pipe, thb0-tunnel or planar-sine"
+            f"{head}: the cost of accuracy is measured on nested meshes, and this scene gives a "
+            "mesh of its own to every block; expected a family with [mesh], such as tsb1-pipe, "
+            "thb0-tunnel or planar-sine"
         )
     return counts
 

@@ -193,7 +193,9 @@ def _answer(case: Case) -> Numbers:
     run = solved.run
     assert run is not None
     stopped = str(run.status) == "stopped"
-    if stopped or (case.scene.damping == "static" and str(run.status) != "converged"):
+    assert isinstance(case.method, Explicit)
+    at_rest = case.method.damped(moves=case.problem.motion is not None) == "static"
+    if stopped or (at_rest and str(run.status) != "converged"):
         remedy = "a larger limit of work (fem.max_work)" if stopped else "a larger fem.end_time"
         raise InputError(
             f"{case.name}: a run did not arrive at its static state by {run.time:.3g} s; expected "

@@ -119,14 +119,14 @@ def probe_of(case: Case) -> Case:
 
 def _coarse_mesh(case: Case, factor: int) -> dict[str, Any]:
     """Values of ``[mesh]`` that are lower in the probe; none where the mesh is given."""
-    result = case.scene.coarse_mesh(factor * _PER_WAVE, factor * _THROUGH, factor * _OTHER)
-    own = case.scene.element_counts
+    result = case.coarse_mesh(factor * _PER_WAVE, factor * _THROUGH, factor * _OTHER)
+    own = case.element_counts
     return {key: value for key, value in result.items() if value != own[key]}
 
 
 def refinement(case: Case, probe: Case) -> float:
     """How many times as many elements the case has along an edge of a block, at most."""
-    fine, coarse = case.scene.element_counts, probe.scene.element_counts
+    fine, coarse = case.element_counts, probe.element_counts
     if not fine:
         return 1.0
     return max(float(np.max(np.divide(fine[key], coarse[key]))) for key in fine)
@@ -134,7 +134,7 @@ def refinement(case: Case, probe: Case) -> float:
 
 def mesh_words(case: Case) -> str:
     """Elements of a block."""
-    counts = case.scene.element_counts
+    counts = case.element_counts
     if not counts:
         return "its own mesh"
     flat = np.concatenate([np.atleast_1d(v) for v in counts.values()]).tolist()

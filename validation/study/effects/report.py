@@ -2,19 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from rich.console import Console
 from rich.table import Table
 
 from validation.case import Case
-from validation.errors import InputError
 from validation.output.console import tabled
-from validation.output.progress import following
-from validation.scene.deformable import parse_share
-from validation.study.effects.auto import EffectsDecision, decide_effects
+from validation.scene.deformable import stated_share
 from validation.study.effects.costs import TOLERANCE
 from validation.study.effects.switches import KeyChange
 
@@ -22,26 +18,9 @@ from validation.study.effects.switches import KeyChange
 PICTURE = "effects.png"
 
 
-def decided(
-    case: Case, console: Console, keep: Collection[str] = ()
-) -> tuple[Case, EffectsDecision]:
-    """Case with the effects that matter or are kept, and the decision; printed."""
-    with following(f"{case.name}: which effects matter") as follow:
-        case, decision = decide_effects(case, keep, told=follow)
-    console.print(decision.words)
-    return case, decision
-
-
 def bound(case: Case, tolerance: str | None) -> float:
     """Change beyond which an effect matters: as asked, as ``effects.auto`` says, or 1 %."""
-    if tolerance is None:
-        return case.auto or TOLERANCE
-    share = parse_share(tolerance)
-    if share is None:
-        raise InputError(
-            f"--tolerance {tolerance}: expected a share between 0 and 100 %, such as 1%"
-        )
-    return share
+    return case.auto or TOLERANCE if tolerance is None else stated_share("--tolerance", tolerance)
 
 
 #: Quantities whose changes are shown, by their names in rows.

@@ -316,8 +316,7 @@ def _bound(place: str, key: str, given: Any, study: SceneStudy) -> Limit:
 
 def _require_strength(place: str, factor: str, study: SceneStudy) -> None:
     strength = "tensile_strength" if factor == "cracking_factor" else "compressive_strength"
-    material = study.case(0).scene.material
-    if getattr(material, strength) is None:
+    if study.case(0).values.get(f"material.{strength}") is None:
         raise InputError(
             f"{place}: needs material.{strength} [MPa]; set it in [settings] or in the scene"
         )
