@@ -26,7 +26,7 @@ from mbd.results.parts import Question
 #: Props below this part of the weight that is placed are none.
 NO_PROP = 1e-6
 #: By which the sum of props may miss the least one, over the weight: shares are sought within.
-_LOOSE = 1e-7
+_LOOSE = 1e-8
 #: Faces whose normal points down by more than this can be propped (cosine).
 _DOWN = 0.05
 #: Faces of which joints cover more than this part are not free.
@@ -63,19 +63,16 @@ def _unit_props(
         normals = shape.plane_normals @ blocks.rotations[block].T
         share = covered.get(block, np.zeros(len(normals))) / shape.plane_areas
         planes = np.flatnonzero((normals[:, 2] < -_DOWN) & (share < _COVERED))
-        rows = np.concatenate(
-            [
-                np.column_stack([np.unique(shape.triangles[shape.plane_of == p]), [p] * k])
-                for p in planes.tolist()
-                if (k := len(np.unique(shape.triangles[shape.plane_of == p])))
-            ]
-            or [np.zeros((0, 2), np.int64)]
-        )
+        places = [
+            (corner, plane)
+            for plane in planes.tolist()
+            for corner in np.unique(shape.triangles[shape.plane_of == plane]).tolist()
+        ]
+        corners, of = np.array(places, np.int64).reshape(-1, 2).T
+        along = -normals[of]
         if direction is Along.UP:
-            corners = np.unique(rows[:, 0])
+            corners = np.unique(corners)
             along = np.tile([0.0, 0.0, 1.0], (len(corners), 1))
-        else:
-            corners, along = rows[:, 0], -normals[rows[:, 1]]
         arm = sweeps.points[block][corners] - blocks.centroids[block]
         owner += [block] * len(corners)
         ways.append(along)

@@ -12,7 +12,6 @@ assembly", Artificial Intelligence 71 (1994).
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
@@ -54,6 +53,8 @@ _SQUEEZES = 15.0
 _SHOWN = 24
 #: Forces below this part of the weight are printed as none.
 _NOTHING = 1e-9
+#: Props above this part of the largest one of all stages are as large.
+_SAME = 0.9999
 #: Props below this part of the largest one of a stage are not named.
 _NAMED = 1e-3
 
@@ -121,7 +122,7 @@ class Stage:
     def propped(self) -> list[int]:
         """Blocks with a prop, the largest force first."""
         size = np.linalg.norm(self.props, axis=1)
-        order = np.argsort(-np.round(size / (size.max(initial=0.0) or 1.0), 9), kind="stable")
+        order = np.argsort(-np.round(size / (size.max(initial=0.0) or 1.0), 4), kind="stable")
         return order[size[order] > _NAMED * size.max(initial=0.0)].tolist()
 
     @property
@@ -162,10 +163,6 @@ class Stage:
             "sought": self.sought,
             "does_not_reach": [way.as_json() for way in self.blocked],
         }
-
-
-def _number(stage: Stage) -> int:
-    return stage.number
 
 
 @dataclass(frozen=True)
@@ -231,9 +228,11 @@ class StageResults(Sequence[Stage]):
             at = f"stages {first} to {last}" if last > first else f"stage {first}"
             if 1 < len(propped) < last - first + 1:
                 at = f"{len(propped)} of {at}"
-            most = max(propped, key=lambda s: float(np.linalg.norm(s.props, axis=1).max()))
-            block = most.propped[0]
-            force = float(np.linalg.norm(most.props[block]))
+            largest = [float(np.linalg.norm(s.props[s.propped[0]])) for s in propped]
+            force = max(largest)
+            block = next(
+                s.propped[0] for s, f in zip(propped, largest, strict=True) if f > _SAME * force
+            )
             words += (
                 f"; {what} needed for {at}, at most {number(force)} N under block "
                 f"{self.named(block)}"
@@ -249,26 +248,26 @@ class StageResults(Sequence[Stage]):
             words += f"; {len(pressed)} stages stand only if pressed (unproved), first {pressed[0]}"
         return words
 
-    @property
-    def _shown(self) -> list[Stage]:
-        """All stages, of many those at which the verdict changes and the last ones."""
-        if len(self.stages) <= _SHOWN:
-            return list(self.stages)
-        pairs = itertools.pairwise(self.stages)
-        turns = [late for early, late in pairs if late.stands is not early.stands]
-        chosen = [self.stages[0], *turns[: _SHOWN // 2]]
-        return sorted({s.number: s for s in (*chosen, *self.stages[-3:])}.values(), key=_number)
+    def shown(self, most: int) -> list[Stage]:
+        """So many stages: first and last, those at which the verdict changes, others between."""
+        last, verdicts = len(self.stages) - 1, [stage.stands for stage in self.stages]
+        turns = [k for k in range(1, last + 1) if verdicts[k] is not verdicts[k - 1]]
+        picked = {0, last, *turns[: most // 2], *(k - 1 for k in turns[:1])}
+        for k in np.linspace(0, last, most).round().astype(int).tolist():
+            if len(picked) < most:
+                picked.add(k)
+        return [self.stages[k] for k in sorted(picked)]
 
     @property
     def rows(self) -> list[Row]:
         """The verdict, each stage, and until when each prop stays."""
         rows = []
-        for stage in self._shown:
+        shown = self.shown(_SHOWN)
+        for stage in shown:
             new = first_of(map(self.named, stage.new), 4)
             words = f"places {new}: {stage.words}"
             rows.append(Row(f"stage {stage.number}", words, stage.propping, "N"))
-        if len(self._shown) < len(self.stages):
-            left = len(self.stages) - len(self._shown)
+        if left := len(self.stages) - len(shown):
             rows.append(Row("stages", f"{left} more, in the report"))
         if self.until:
             each = (f"{self.named(k)} until {n}" for k, n in sorted(self.until.items()))

@@ -25,20 +25,6 @@ _MOST, _ROW = 8, 3
 _LONGEST, _SHORTEST = 1.3, 0.6
 
 
-def _chosen(results: StageResults) -> list[Stage]:
-    """Stages at which the verdict changes, the last one, and others between them."""
-    stages = list(results)
-    if len(stages) <= _MOST:
-        return stages
-    last = len(stages) - 1
-    turns = [k for k in range(1, last + 1) if stages[k].stands is not stages[k - 1].stands]
-    picked = {0, last, *turns[: _MOST // 2], *(k - 1 for k in turns[:1])}
-    for k in np.linspace(0, last, _MOST).round().astype(int).tolist():
-        if len(picked) < _MOST:
-            picked.add(k)
-    return [stages[k] for k in sorted(picked)]
-
-
 def _view(stage: Stage, blocks: AnyBlocks, largest: float, whole: Lines) -> View:
     """What is placed, over pale edges of the whole, and arrows of the props from below."""
     new, moving = set(stage.new), set[int]()
@@ -73,7 +59,7 @@ def draw_stages(answer: Answer, path: Path) -> None:
     from matplotlib.patches import Patch
 
     results, blocks = cast("StageResults", answer.parts["stages"]), answer.details.blocks
-    chosen = _chosen(results)
+    chosen = results.shown(_MOST)
     sizes = [np.linalg.norm(stage.props, axis=1).max(initial=0.0) for stage in results]
     largest = float(max(sizes, default=0.0)) or 1.0
     whole = outlines(blocks, range(blocks.n_blocks), width=0.8, opacity=0.25)
