@@ -15,7 +15,7 @@ from fem.measures import contact_on, contacts_of, measures_of
 from fem.problem import Problem
 from fem.rows import state_rows
 from fem.state import State
-from fem.static.result import StaticError
+from fem.static.linear_step.linearisation import StaticError
 from geometry.answer import Answer, Array, Lazy, Measure, known
 from geometry.assembly import Assembly
 from geometry.mesh import FloatArray

@@ -87,7 +87,7 @@ class Evidence(ReadOnlyArrays):
     """State by half as many load steps, where friction made the way to the load count and both
     were compared."""
     curves: tuple[PushCurve, ...] = ()
-    """Forces of supports that move in the last stage of a history (`fem.static.history`)."""
+    """Forces of supports that move in the last stage of several (`fem.static.solve`)."""
 
     @property
     def residual(self) -> float:

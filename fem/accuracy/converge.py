@@ -24,15 +24,15 @@ from fem.accuracy.errors import (
 )
 from fem.accuracy.facets import pressures_on_facets
 from fem.accuracy.ladder import OF_FACETS, Ladder, Rung, fineness, ladder_for, on_rung
-from fem.accuracy.one_mesh import static_state, stick_change
+from fem.accuracy.one_mesh import stick_change
 from fem.accuracy.parts import Accuracy, Meshes, MeshFacets
 from fem.accuracy.transfer import transferred
 from fem.measures import load_step_change, measures_of
 from fem.problem import Problem
 from fem.state import State
-from fem.static.path import Known
-from fem.static.result import LOAD_TOLERANCE, StaticError
-from fem.static.solve import StaticOptions
+from fem.static.linear_step.linearisation import StaticError
+from fem.static.path import LOAD_TOLERANCE, Known
+from fem.static.solve import StaticOptions, static_state
 from geometry.answer import ALIASES, TITLES, Measure
 from geometry.assembly import Assembly
 from geometry.errors import RefusedError, is_number
@@ -395,7 +395,7 @@ def _state(
     factor: float,
 ) -> tuple[State, tuple[Assembly, FloatArray] | None]:
     """State on a mesh, and the mean pressures on the facets of the mesh that was stated."""
-    deformable, start = stated.deformable, None
+    deformable, start = stated.deformable.under(factor), None
     known: Known = ()
     if before is not None and deformable.meets and _may_start(stated, before.problem):
         coarse = before.state
@@ -407,13 +407,7 @@ def _state(
             known = tuple((one.load_factor, move(one.displacements)) for one in path)
             halved = max(options.load_steps, coarse.evidence.load_steps // 2)
             options = replace(options, load_steps=halved)
-    state = static_state(
-        deformable,
-        options,
-        factor=factor,
-        start=start,
-        known=known,
-    )
+    state = static_state(deformable, options, start=start, known=known)
     facets = None
     if deformable.meets and not deformable.contact.finite_sliding:
         pressures = pressures_on_facets(

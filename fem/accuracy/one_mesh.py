@@ -8,7 +8,7 @@ three, since degree one straightens their edges.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import suppress
 from dataclasses import replace
 from typing import NamedTuple
@@ -18,72 +18,18 @@ from fem.accuracy.ladder import coarser, split
 from fem.measures import bracketed, load_step_change, measures_of
 from fem.problem import Problem
 from fem.state import State
-from fem.static.history import solve_history
-from fem.static.linear_step.flexibility import FlexibilityStore
-from fem.static.path import Known
-from fem.static.result import StaticError
-from fem.static.solve import StaticOptions, solve_static
-from fem.system.system import System
+from fem.static.solve import StaticOptions, static_state
 from geometry.block import Block
 from geometry.errors import RefusedError
-from geometry.machine.system import one_thread_of_blas
 from geometry.machine.work import Budget, allowance
-from geometry.mesh import FloatArray
 
 #: Elements along an edge of the coarser meshes over those of the run.
 SHARES = (2.0 / 3.0, 0.5)
 #: Error of elements of one degree less over that of one degree more, at least: shares, this factor
 #: and `SAFETY` are judged by stored finer answers in tests/fem/test_error_estimate.py.
 _DEGREE = 2.0
-#: Parts of the way of supports that move.
-MOTION_STEPS = 20
 #: Unknowns of a mesh twice as fine over those of the run.
 _FINER = 8.0
-
-
-@one_thread_of_blas()
-def static_state(
-    deformable: System,
-    options: StaticOptions | None = None,
-    *,
-    factor: float = 1.0,
-    store: FlexibilityStore | None = None,
-    start: tuple[FloatArray, ...] | None = None,
-    before: Sequence[System] = (),
-    known: Known = (),
-) -> State:
-    """Solve for the static state of blocks that are built: see `fem.solve_static`.
-
-    All loads and the weight are scaled by a ``factor`` [-]. Runs that share a ``store`` condense
-    the same blocks once; ``start`` are the displacements of each group in a state of the same model
-    near the one sought. ``before`` are the stages from rest on that come before; states under some
-    loads may be ``known`` nearly.
-
-    Raises
-    ------
-    StaticError, SymmetryError
-        As `fem.solve_static`.
-    """
-    options = StaticOptions() if options is None else options
-    if factor != 1.0:
-        deformable = _scaled_loads(deformable, factor)
-    if options.motion_steps is None and deformable.moves and not before:
-        options = replace(options, motion_steps=MOTION_STEPS)
-    if before:
-        state = solve_history([*before, deformable], options, store)
-    else:
-        state = solve_static(deformable, options, store=store, start=start, known=known)
-    if not state.converged:
-        raise StaticError(state.evidence.status)
-    return state
-
-
-def _scaled_loads(deformable: System, factor: float) -> System:
-    forces = tuple(replace(load, force=factor * load.force) for load in deformable.forces)
-    gravity, ground = (
-        None if of is None else factor * of for of in (deformable.gravity, deformable.on_ground)
-    )
-    return replace(deformable, forces=forces, gravity=gravity, on_ground=ground)
 
 
 def static_errors(
@@ -156,7 +102,7 @@ def stick_change(
     if not _sticks_by_default(problem):
         return {}
     once = replace(options, load_steps=state.evidence.load_steps, load_tolerance=None)
-    softer = static_state(_softer(problem).deformable, once, factor=factor)
+    softer = static_state(_softer(problem).deformable.under(factor), once)
     return _changes(softer, state)
 
 

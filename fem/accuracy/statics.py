@@ -22,7 +22,7 @@ from fem.accuracy.converge import (
     usual_work,
     why_not_refined,
 )
-from fem.accuracy.one_mesh import static_errors, static_state
+from fem.accuracy.one_mesh import static_errors
 from fem.accuracy.parts import NOT_ASKED
 from fem.answer import answer_of
 from fem.element.hexahedron import ElementType
@@ -31,8 +31,8 @@ from fem.method import Static, require_method
 from fem.problem import Problem, require_problem
 from fem.state import State
 from fem.static.linear_step.flexibility import FlexibilityStore
-from fem.static.result import LOAD_TOLERANCE
-from fem.static.solve import StaticOptions
+from fem.static.path import LOAD_TOLERANCE
+from fem.static.solve import StaticOptions, static_state
 from fem.system.sector import require_sector
 from geometry.answer import Answer, Measure
 from geometry.assembly import Assembly
@@ -299,7 +299,7 @@ def _errors_under(
     """Errors on the mesh of the problem under a factor times the loads, of a state there."""
 
     def solve(other: Problem) -> State:
-        return static_state(other.deformable, options, factor=factor)
+        return static_state(other.deformable.under(factor), options)
 
     return static_errors(problem, state, solve, spent).errors
 
@@ -352,7 +352,7 @@ def static_options(problem: Problem, method: Static) -> StaticOptions:
         symmetry=1 if method.symmetry == "none" else None,
         load_steps=steps if method.load_steps is None else method.load_steps,
         load_tolerance=None if once else LOAD_TOLERANCE,
-        motion_steps=method.motion_steps if moves else None,
+        motion_steps=method.motion_steps,
     )
 
 

@@ -13,12 +13,11 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
-from fem.accuracy.one_mesh import static_state
 from fem.element.material import one_strength
 from fem.measures import hidden_between_nodes, measures_of
 from fem.state import State
 from fem.static.linear_step.flexibility import FlexibilityStore
-from fem.static.solve import StaticOptions
+from fem.static.solve import StaticOptions, static_state
 from geometry.answer import Measure
 from geometry.errors import RefusedError
 from geometry.machine.work import LimitError
@@ -95,9 +94,8 @@ def strength_factors(
         nonlocal last
         near = abs(math.log(factor / last)) < math.log(_NEARBY)
         result = static_state(
-            state.deformable,
+            state.deformable.under(factor),
             options,
-            factor=factor,
             store=store,
             start=solved[last].displacements if near and not path_counts else None,
         )

@@ -32,10 +32,10 @@ from fem.contact.surfaces import Gaps
 from fem.static.linear_step.linearisation import (
     Linearisation,
     LinearStep,
+    StaticError,
     UnheldBlocksError,
     coarsened,
 )
-from fem.static.result import StaticError
 from fem.system.system import FreeMotions, System, unresisted_motions
 from geometry.machine.work import Operation, count
 from geometry.mesh import FloatArray

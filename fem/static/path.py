@@ -16,7 +16,7 @@ import numpy as np
 
 from fem.contact.search import FacingPoints, SearchedPoints
 from fem.state import Evidence, State
-from fem.static.linear_step.linearisation import SparseSolver
+from fem.static.linear_step.linearisation import SparseSolver, StaticError
 from fem.static.newton import (
     Iterate,
     StaticProblem,
@@ -26,12 +26,13 @@ from fem.static.newton import (
     newton,
     support_forces,
 )
-from fem.static.result import StaticError, load_factors
 from fem.system.forces import TabularAmplitude
-from fem.system.system import unresisted_motions
+from fem.system.system import System, unresisted_motions
 from geometry.errors import is_number
 from geometry.mesh import FloatArray, IntArray
 
+#: Change of the measures by twice as many load steps below which they are enough [-].
+LOAD_TOLERANCE = 0.01
 #: Residual of a body without contact that is round-off: its equilibrium is one linear solution.
 _ROUND_OFF = 1e-6
 #: Residual of an intermediate load step above which its slips are no usable history: load steps are
@@ -91,7 +92,7 @@ class StaticOptions:
     load_tolerance: float | None = None
     """With friction the parts are doubled until that changes displacements and pressures by less
     [-]; None: they stay as they are, and so they do from a given start."""
-    motion_steps: int | None = None
+    motion_steps: int | None = 20
     """Parts of the way of supports that move, after the load; the times of their tables come on
     top. None: all their way at once, with the load."""
     once: bool = False
@@ -258,21 +259,31 @@ def _led_on(problem: StaticProblem, state: Iterate, way: FloatArray) -> Iterate:
     return replace(state, displacement=displacement, gaps=gaps, at=at)
 
 
-def load_path(problem: StaticProblem, options: StaticOptions, parts: int) -> list[Target]:
+def load_factors(parts: int, *, friction: bool) -> tuple[float, ...]:
+    """Load factors at the ends of the load steps, the last one 1.
+
+    Without friction the way to the load does not matter, and the parts are equal. With friction
+    most of the history lies under small loads, where contact by an exponential law is soft and
+    blocks make most of their motion: factors are squares, so that four steps do what sixteen equal
+    ones did.
+    """
+    power = 2 if friction else 1
+    return tuple((k / parts) ** power for k in range(1, parts + 1))
+
+
+def points_of(system: System, options: StaticOptions) -> list[Target]:
     """Load factor and time at the end of each step: the load first, then motions of supports.
 
     Without supports that move there is no time.
     """
-    moving = problem.system.held.moving
-    requested = load_factors(parts, friction=problem.system.has_friction)
-    if not moving or options.motion_steps is None:
+    moving, steps = system.held.moving, options.motion_steps
+    requested = load_factors(options.load_steps, friction=system.has_friction)
+    if not moving or steps is None:
         return [(factor, None) for factor in requested]
     tables = [np.array(share.times) for share, _ in moving if isinstance(share, TabularAmplitude)]
     end = max((float(times[-1]) for times in tables), default=1.0)
-    equal = end * np.arange(1, options.motion_steps + 1) / options.motion_steps
-    times = np.unique(np.concatenate([equal, *tables]))
-    loaded = bool(problem.system.external_force.any())
-    before = [(factor, 0.0) for factor in requested] if loaded else []
+    times = np.unique(np.concatenate([end * np.arange(1, steps + 1) / steps, *tables]))
+    before = [(factor, 0.0) for factor in requested] if system.external_force.any() else []
     return [*before, *((1.0, time) for time in times[times > 0.0].tolist())]
 
 

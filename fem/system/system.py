@@ -222,6 +222,14 @@ class System:
                 np.add(force, body.lumped_mass[:, None] * local[:, None], out=force)
         return forces
 
+    def under(self, factor: float) -> System:
+        """The same under a factor times the loads and the weight."""
+        forces = tuple(replace(load, force=factor * load.force) for load in self.forces)
+        gravity, ground = (
+            None if of is None else factor * of for of in (self.gravity, self.on_ground)
+        )
+        return replace(self, forces=forces, gravity=gravity, on_ground=ground)
+
     # ---- representatives
 
     def in_sector(self, orbits: Orbits) -> System:

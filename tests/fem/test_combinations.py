@@ -7,7 +7,7 @@ from itertools import product
 import numpy as np
 import pytest
 
-from fem.static.solve import StaticOptions, solve_static
+from fem.static.solve import StaticOptions, static_state
 from tests.support.answers import on_its_mesh
 from validation import Case, load_case
 
@@ -60,7 +60,7 @@ def test_explicit_friction_follows_slow_loading(case: str) -> None:
     friction = "effects.friction.coefficient=0.05"
     scene = scene_of(friction, 'fem.method="explicit"', 'fem.damping="static"', case=case)
     run = on_its_mesh(scene, method="explicit")
-    slow = solve_static(scene.problem.deformable, StaticOptions(load_steps=16))
+    slow = static_state(scene.problem.deformable, StaticOptions(load_steps=16))
     assert run.details.contact_state.point_pressures.max() == pytest.approx(
         slow.pressures.max(), rel=5e-3
     )

@@ -11,7 +11,7 @@ import pytest
 from fem import CoulombFriction, Problem, Static, concrete, solve_static
 from fem.answer import answer_of
 from fem.static import newton
-from fem.static.result import StaticError
+from fem.static.linear_step.linearisation import StaticError
 from geometry import SineBlock, pipe, tube
 from geometry.parts.balance import joint_wrenches
 

@@ -14,7 +14,7 @@ from fem.explicit.setup.quasi_static import quasi_static_report
 from fem.explicit.setup.timed_system import state_of, timed_system
 from fem.explicit.solve import Output, StopCriterion, initial_state, prepare, solve
 from fem.explicit.state import world_vectors
-from fem.static.solve import solve_static
+from fem.static.solve import static_state
 from fem.system.effects import AdaptiveMassDamping, Effects
 from fem.system.state import corner_displacements
 from geometry.assembly import moved
@@ -229,7 +229,7 @@ def rms(array):
 def test_explicit_end_state_is_the_static_one(coarse_run):
     """Stopped at residual 1e-5 and settling 1e-3: displacement and pressure within 1e-3."""
     deformable, statement, result = coarse_run
-    static = solve_static(deformable)
+    static = static_state(deformable)
     displacements = statement.expand(result.displacements)
     pressures, _ = matched_pressures(deformable, displacements)
     assert rms(displacements[0] - static.displacements[0]) < 1e-3 * rms(static.displacements[0])

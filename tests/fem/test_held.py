@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from fem.static.solve import StaticOptions, solve_static
+from fem.static.solve import StaticOptions, static_state
 from fem.system.body import ModelError
 from fem.system.held import Held, joined
 from validation import load_case
@@ -67,7 +67,7 @@ def test_supports_that_are_stated_again_change_nothing() -> None:
     more = replace(held, direction=directions, value=values)
     again = replace(deformable, supports=joined([held, more]))
     options = StaticOptions(tolerance=1e-10, motion_steps=2)
-    once, twice = (solve_static(one, options) for one in (deformable, again))
+    once, twice = (static_state(one, options) for one in (deformable, again))
     for a, b in zip(once.displacements, twice.displacements, strict=True):
         assert np.abs(a).max() > 0.01
         np.testing.assert_allclose(b, a, rtol=0.0, atol=1e-10)

@@ -6,15 +6,8 @@ import numpy as np
 import pytest
 
 from fem import CoulombFriction
-from fem.static.history import solve_history
-from fem.static.result import (
-    LOAD_TOLERANCE,
-    MOST_PARTS,
-    doubled,
-    load_factors,
-    path_change,
-)
-from fem.static.solve import StaticOptions, solve_static
+from fem.static.path import LOAD_TOLERANCE, load_factors
+from fem.static.solve import MOST_PARTS, StaticOptions, doubled, path_change, static_state
 from tests.support.pressed_pipe import pipe, sheared_column
 
 TIGHT = StaticOptions(tolerance=1e-10)
@@ -39,19 +32,19 @@ def test_parts_are_doubled_until_the_answer_stays():
     """The last halving bounds what is left: the change falls at least like the parts, so all
     further ones together are no more than it. Without friction nothing is compared."""
     model = pipe(friction=CoulombFriction(0.3))
-    found = solve_static(model, StaticOptions(load_tolerance=LOAD_TOLERANCE))
+    found = static_state(model, StaticOptions(load_tolerance=LOAD_TOLERANCE))
     coarse = found.evidence.coarser
     assert coarse is not None
     assert 2 * coarse.evidence.load_steps == found.evidence.load_steps
     assert path_change(coarse, found) <= LOAD_TOLERANCE
-    fine = solve_static(model, StaticOptions(load_steps=2 * found.evidence.load_steps))
+    fine = static_state(model, StaticOptions(load_steps=2 * found.evidence.load_steps))
     left = abs(found.pressures.max() - fine.pressures.max())
     assert left <= abs(found.pressures.max() - coarse.pressures.max())
     # Work lost counts with the mean of both ends of a step. That is of second order: halving the
     # steps takes away less than half of it, where the traction at the end alone takes a half.
     assert fine.frictional_dissipation < found.frictional_dissipation
     assert found.frictional_dissipation < 2.0 * fine.frictional_dissipation
-    plain = solve_static(pipe(), StaticOptions(load_tolerance=LOAD_TOLERANCE))
+    plain = static_state(pipe(), StaticOptions(load_tolerance=LOAD_TOLERANCE))
     assert plain.evidence.coarser is None
     assert plain.evidence.load_steps == 1
 
@@ -61,10 +54,10 @@ def test_states_that_are_nearly_known_are_no_history():
     answer and the work lost are the same, to the residual."""
     model = pipe(friction=CoulombFriction(0.3))
     options = replace(TIGHT, load_tolerance=LOAD_TOLERANCE)
-    direct = solve_static(model, options)
+    direct = static_state(model, options)
     path = (*direct.evidence.path, direct)
     near = tuple((one.load_factor, tuple(1.1 * u for u in one.displacements)) for one in path)
-    found = solve_static(model, options, known=near)
+    found = static_state(model, options, known=near)
     assert near
     assert found.evidence.load_steps == direct.evidence.load_steps
     moved = direct.displacements[0]
@@ -74,7 +67,7 @@ def test_states_that_are_nearly_known_are_no_history():
 
 def test_the_finest_parts_that_converge_are_the_answer():
     """Parts that find no equilibrium are no reference for others."""
-    good = solve_static(sheared_column(0.2, CoulombFriction(0.3)))
+    good = static_state(sheared_column(0.2, CoulombFriction(0.3)))
     bad = replace(good, evidence=replace(good.evidence, converged=False))
     found = doubled({1: bad, 2: good, 4: good}.__getitem__, 1, 0.1)
     assert found.converged
@@ -87,7 +80,7 @@ def test_the_finest_parts_that_converge_are_the_answer():
 def test_a_state_is_not_compared_with_itself():
     """Where one and two parts find no equilibrium and four do, four of them are no measure of what
     finer steps change: that are eight."""
-    good = solve_static(sheared_column(0.2, CoulombFriction(0.3)))
+    good = static_state(sheared_column(0.2, CoulombFriction(0.3)))
     asked = []
 
     def solve(parts: int):
@@ -104,7 +97,7 @@ def test_a_state_is_not_compared_with_itself():
 def test_much_friction_converges_in_every_load_step():
     """Limits that follow the pressures at once swing for ever with a coefficient of 0.6, at a
     residual of a tenth."""
-    found = solve_static(pipe(friction=CoulombFriction(0.6)), StaticOptions(once=True))
+    found = static_state(pipe(friction=CoulombFriction(0.6)), StaticOptions(once=True))
     assert found.converged
 
 
@@ -112,9 +105,9 @@ def test_what_sticks_does_not_remember_the_way():
     """All points stick at 0.8 mu of the pressure, and on the way past by a fifth: an elastic body,
     whose state is its load's whatever came before, without any work lost."""
     friction = CoulombFriction(0.3, 50.0)
-    direct = solve_static(sheared_column(0.2, friction), TIGHT)
-    stages = [sheared_column(0.2, friction, pressure=p) for p in (0.12, 0.1)]
-    back = solve_history(stages, TIGHT)
+    direct = static_state(sheared_column(0.2, friction), TIGHT)
+    past, last = (sheared_column(0.2, friction, pressure=p) for p in (0.12, 0.1))
+    back = static_state(last, TIGHT, before=[past])
     moved = direct.displacements[0]
     assert np.abs(back.displacements[0] - moved).max() < 1e-7 * np.abs(moved).max()
     assert back.frictional_dissipation == direct.frictional_dissipation == 0.0
@@ -125,9 +118,8 @@ def test_what_slid_stays_behind_the_load():
     further along than straight up, and more work is lost."""
     friction = CoulombFriction(0.3, 50.0)
     model = sheared_column(0.285, friction)
-    direct = solve_static(model, replace(TIGHT, load_steps=4))
-    back = solve_history([sheared_column(0.285, friction, pressure=0.103), model], TIGHT)
-    assert direct.converged
-    assert back.converged
+    direct = static_state(model, replace(TIGHT, load_steps=4))
+    past = sheared_column(0.285, friction, pressure=0.103)
+    back = static_state(model, TIGHT, before=[past])
     assert back.displacements[0][0][:, 0].mean() > direct.displacements[0][0][:, 0].mean()
     assert back.frictional_dissipation > direct.frictional_dissipation > 0.0

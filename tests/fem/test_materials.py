@@ -22,10 +22,10 @@ from fem import (
     solve_explicit,
     solve_static,
 )
-from fem.accuracy.one_mesh import static_state
 from fem.decks.deck import Flavour
 from fem.decks.problem import problem_deck
 from fem.decks.write import write_deck_file
+from fem.static.solve import static_state
 from geometry import SineBlock, pipe, tube
 from geometry.block import box_block
 from geometry.families.boxes import ColumnBox, box_column

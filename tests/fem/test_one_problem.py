@@ -14,7 +14,7 @@ from fem.decks.problem import problem_deck
 from fem.explicit.setup.timed_system import state_of, timed_system
 from fem.explicit.solve import StopCriterion
 from fem.explicit.solve import solve as solve_model
-from fem.static.solve import solve_static
+from fem.static.solve import static_state
 from fem.system.effects import AdaptiveMassDamping, EffectError, Effects
 from fem.system.system import System
 from geometry import ColumnBox, RefusedError, box_column
@@ -45,7 +45,7 @@ def test_an_exported_deck_states_what_the_scene_solves(setting, flavour, tmp_pat
     imported = read_deck(path).problem().deformable
     ours = load_case("tsb1-pipe", [*STATIC, setting]).problem.deformable
     assert imported.contact.friction == ours.contact.friction
-    answers = [solve_static(problem) for problem in (ours, imported)]
+    answers = [static_state(problem) for problem in (ours, imported)]
     assert answers[0].largest_displacement > 1e-3
     a, b = (np.ravel(r.pressures) for r in answers)
     assert np.abs(a - b).max() < 1e-6 * np.abs(a).max()
@@ -111,7 +111,7 @@ def test_gravity_of_the_assembly_reaches_an_explicit_run() -> None:
     stop = StopCriterion(residual=1e-6, not_before=stated.ramp_time)
     explicit = solve_model(stated, end_time=4 * stated.end_time, stop=stop)
     dynamic = state_of(explicit).contact_state
-    static = solve_static(column).contact_state
+    static = static_state(column).contact_state
     bears = 40.0**2 * (1e-4 + CONCRETE.density * 9810.0 * 60.0)
     for state in (static, dynamic):
         assert state.pressures @ state.areas == pytest.approx(bears, rel=1e-5)

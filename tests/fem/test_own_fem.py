@@ -12,12 +12,12 @@ import numpy as np
 import pytest
 
 from fem import LinearPenalty, Material, Problem, Static, solve_static
-from fem.accuracy.one_mesh import static_state
 from fem.contact.search import closest_points
 from fem.decks.deck import Flavour
 from fem.decks.problem import problem_deck
 from fem.decks.write import deck_lines
 from fem.dynamics import stated_run
+from fem.static.solve import static_state
 from fem.system.forces import wrench_forces
 from fem.system.state import facing_points
 from geometry import (

@@ -19,11 +19,11 @@ from fem import (
     solve_static,
     write_deck,
 )
-from fem.accuracy.one_mesh import static_state
 from fem.contact.law import ContactLaw
 from fem.decks.keywords import DeckError
 from fem.explicit.setup.timed_system import timed_system
 from fem.explicit.solve import solve as solve_explicit
+from fem.static.solve import static_state
 from fem.system.effects import AdaptiveMassDamping, Effects
 from fem.system.sector import largest_cyclic_orbits
 from tests.support.pushed_bricks import EDGE, PRESSURE, SCENE, STONE, frictionless_answer, pushed

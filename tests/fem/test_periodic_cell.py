@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from fem.explicit.solve import Status
-from fem.static.solve import StaticMethod, StaticOptions, solve_static
+from fem.static.solve import StaticMethod, StaticOptions, static_state
 from fem.system.state import corner_displacements
 from geometry import Answer
 from tests.support.answers import on_its_mesh
@@ -108,7 +108,7 @@ def test_cell_is_in_balance(cell: Answer) -> None:
     # the sector gives the digits of the whole ring: to the residuals.
     deformable = cell.details.deformable
     exact = StaticOptions(tolerance=1e-11)
-    result = solve_static(deformable, exact)
+    result = static_state(deformable, exact)
     force, _ = pair_resultants(result)
     surfaces, layer = deformable.surfaces, deformable.assembly.layer
     first = surfaces.pair_start[:-1]
@@ -116,7 +116,7 @@ def test_cell_is_in_balance(cell: Answer) -> None:
     inside, closing = force[(m == 1) & (s == 2)].sum(0), force[(m == 2) & (s == 3)].sum(0)
     assert inside[2] > 1.0
     np.testing.assert_allclose(inside, closing, atol=1e-7 * inside[2])
-    ring = solve_static(deformable, replace(exact, symmetry=1))
+    ring = static_state(deformable, replace(exact, symmetry=1))
     assert (result.system.orbits.order, ring.system.orbits.order) == (4, 1)
     size = np.abs(ring.displacements[0]).max()
     np.testing.assert_allclose(
@@ -186,7 +186,7 @@ def test_hexagon_blocks_have_a_cell() -> None:
     scene = scene_of(*mesh, "fem.symmetry='periodic cell'", case="thb0-tunnel")
     run = on_its_mesh(scene, method="static")
     assert run.details.evidence.converged
-    sparse = solve_static(run.details.deformable, StaticOptions(method=StaticMethod.SPARSE))
+    sparse = static_state(run.details.deformable, StaticOptions(method=StaticMethod.SPARSE))
     np.testing.assert_allclose(
         sparse.contact_state.pressures,
         run.details.contact_state.pressures,

@@ -10,8 +10,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from fem import CoulombFriction, Frames, Problem, TabularLaw, concrete, read_deck, write_deck
-from fem.accuracy.one_mesh import static_state
 from fem.decks.keywords import DeckError, label, safe_names
+from fem.static.solve import static_state
 from geometry import Assembly, SineBlock, pipe, shaft, tube
 from geometry.block import box_block
 from geometry.loads import LoadCase, TractionLoad

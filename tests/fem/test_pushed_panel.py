@@ -10,7 +10,7 @@ import pytest
 
 from fem.accuracy.statics import static_options
 from fem.state import State
-from fem.static.solve import solve_static
+from fem.static.solve import static_state
 from fem.system.reactions import PushCurve
 from geometry import TetrahedraLayer
 from geometry.families.platonic_layers import tetrahedron
@@ -36,7 +36,7 @@ class Pushed:
 def pushed(case: Case) -> Pushed:
     problem = case.problem
     deformable = problem.deformable
-    result = solve_static(deformable, static_options(problem, case.method))
+    result = static_state(deformable, static_options(problem, case.method))
     (curve,) = result.push_curves
     return Pushed(result, curve)
 

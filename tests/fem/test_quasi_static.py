@@ -14,7 +14,7 @@ from fem.explicit.setup.quasi_static import (
 )
 from fem.explicit.setup.timed_system import timed_system
 from fem.explicit.solve import Status, StopCriterion, solve
-from fem.static.solve import solve_static
+from fem.static.solve import static_state
 from fem.system.effects import AdaptiveMassDamping, BulkViscosity, Effects, RayleighDamping
 from geometry.families.boxes import BrickStack
 from geometry.families.sine_block import SineBlockDivisions
@@ -204,7 +204,7 @@ def test_elastic_frames_reach_the_static_state():
     )
     stop = StopCriterion(1e-5, statement.ramp_time)
     result = solve(statement, end_time=statement.end_time, stop=stop)
-    static = solve_static(deformable)
+    static = static_state(deformable)
     for a, b in zip(statement.expand(result.displacements), static.displacements, strict=True):
         assert np.sqrt(np.mean((a - b) ** 2)) < 1e-3 * np.sqrt(np.mean(b**2))
 

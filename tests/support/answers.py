@@ -7,9 +7,8 @@ from pathlib import Path
 from typing import Any
 
 from fem import Problem
-from fem.accuracy.one_mesh import static_state
 from fem.answer import answer_of
-from fem.static.solve import StaticOptions
+from fem.static.solve import StaticOptions, static_state
 from geometry import Answer
 from validation import Case, load_case, solve
 

@@ -50,7 +50,7 @@ def fixed_nodes(
         of, node, component = (array.ravel() for array in grid)
         along = (np.eye(3) if axes is None else axes)[component]
         local = np.einsum("nij,ni->nj", bodies[group].rotations[of], along)
-        values = along @ (np.zeros(3) if displacement is None else displacement)
+        values = (np.zeros(3) if displacement is None else displacement)[component]
         return held_at(rows_of(bodies, group, of, node), local, values, amplitude=amplitude)
 
     return held

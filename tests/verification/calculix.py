@@ -24,7 +24,7 @@ from fem.decks.write import write_deck_file
 from fem.explicit.setup.timed_system import timed_system
 from fem.explicit.solve import solve
 from fem.state import State
-from fem.static.solve import solve_static
+from fem.static.solve import static_state
 from geometry import Assembly, Block, PressureLoad, box_block
 from geometry.families.sine_block import TSB1, SineBlockDivisions
 from geometry.families.tube import SineTube
@@ -187,7 +187,7 @@ def _column_rows(
     case: str, theirs: CalculixResult, deck: Deck, allowed: float = 1e-3
 ) -> list[CheckRow]:
     """Uniform state: only the table of the law differs, which allows 0.1 %."""
-    ours = solve_static(deck.problem.deformable)
+    ours = static_state(deck.problem.deformable)
     cpu = theirs.cpu_seconds, ours.evidence.cpu_seconds["total"]
     moved = (
         float(theirs.displacements[:, 2].min()),
@@ -235,7 +235,7 @@ def tube_rows(folder: Path, divisions: SineBlockDivisions) -> list[CheckRow]:
     deck = tube_deck(divisions)
     theirs = calculix_of(deck, folder)
     deformable = deck.problem.deformable
-    ours = solve_static(deformable)
+    ours = static_state(deformable)
     angle = half_facet_angle(deck.assembly.shape(4), "top")
     cpu = theirs.cpu_seconds, ours.evidence.cpu_seconds["total"]
     mine = flat_displacements(deck, ours)

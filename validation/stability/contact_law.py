@@ -8,7 +8,7 @@ import numpy as np
 
 from fem.contact.law import ContactLaw, ExponentialLaw
 from fem.contact.surfaces import ContactError
-from fem.static.solve import StaticOptions, solve_static
+from fem.static.solve import StaticOptions, static_state
 from validation.stability.case import Verdict, case, judged, rejected
 from validation.stability.problems import BRICK, COLUMN, deformable, pressed, relative, stack
 
@@ -30,7 +30,7 @@ def pressed_column(pressure: float, law: ContactLaw | None = None) -> Verdict:
     noise = 100 * float(np.finfo(np.float64).eps) * COLUMN.young_modulus * BRICK[0] * u
     reachable = max(TOLERANCE, noise / (pressure * BRICK[0] * BRICK[1]))
     stated = deformable(assembly, pressed(assembly, pressure), law=law)
-    result = solve_static(stated, StaticOptions(tolerance=reachable, symmetry=1))
+    result = static_state(stated, StaticOptions(tolerance=reachable, symmetry=1))
     n_bricks = n_joints = assembly.n_blocks - 1
     sunk = pressure * n_bricks * BRICK[2] / COLUMN.young_modulus
     sunk += n_joints * float(law.overclosure(pressure))

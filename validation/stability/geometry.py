@@ -10,7 +10,7 @@ import numpy as np
 from fem.element.hexahedron import ElementType
 from fem.element.kinds import block_stiffness
 from fem.element.material import Material
-from fem.static.solve import solve_static
+from fem.static.solve import static_state
 from fem.system.forces import ForceRows
 from fem.system.held import joined
 from geometry.block import box_block
@@ -102,7 +102,7 @@ def incompressible() -> Verdict:
     }
     expected, checks = pressure * 10.0 / rubber.constrained_modulus, list[Number]()
     for kind in ElementType:
-        result = solve_static(one_block(block, rubber, element=kind, **given))
+        result = static_state(one_block(block, rubber, element=kind, **given))
         sunk = -result.displacements[0][0, top, 2].mean()
         # Round-off times the ratio of bulk and shear modulus, 5 000.
         checks.append((f"{kind}: sinking", relative(sunk, expected), 1e-9))
@@ -120,7 +120,7 @@ def _deflection(divisions: tuple[int, int, int], element: ElementType, ratio: fl
     material = Material(density=1e-9, young_modulus=1000.0, poisson_ratio=ratio)
     forces = (ForceRows(np.arange(mesh.n_nodes), force),)
     stated = one_block(block, material, element=element, supports=held, forces=forces)
-    result = solve_static(stated)
+    result = static_state(stated)
     beam = 100.0**3 / (3.0 * 1000.0 * 10.0**4 / 12.0)
     return float(result.displacements[0][0, tip, 2].mean()) / beam
 

@@ -6,13 +6,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from fem.accuracy.one_mesh import static_state
 from fem.contact.law import ExponentialLaw
 from fem.element.hexahedron import ElementType
 from fem.element.material import Material
 from fem.problem import Problem, ProblemError
-from fem.static.result import StaticError
-from fem.static.solve import StaticMethod, StaticOptions, solve_static
+from fem.static.linear_step.linearisation import StaticError
+from fem.static.solve import StaticMethod, StaticOptions, static_state
 from geometry.assembly import moved
 from geometry.families.hexagon_block import HexagonBlock, HexagonBlockDivisions
 from geometry.families.sine_block import SineBlockDivisions
@@ -39,7 +38,7 @@ def stiffness_contrast_1000() -> Verdict:
     assembly = stack(1)
     stiff = replace(COLUMN, young_modulus=1000.0 * COLUMN.young_modulus)
     stated = deformable(assembly, pressed(assembly, pressure), material=(COLUMN, COLUMN, stiff))
-    result = solve_static(stated, StaticOptions(tolerance=TOLERANCE, symmetry=1))
+    result = static_state(stated, StaticOptions(tolerance=TOLERANCE, symmetry=1))
     share = pressure * BRICK[2]
     sunk = share / COLUMN.young_modulus + share / stiff.young_modulus
     sunk += 2 * float(law.overclosure(pressure))
@@ -77,7 +76,7 @@ def strain_1e4_static() -> Verdict:
     stated = deformable(assembly, pressed(assembly, 1e4))
     softer = replace(stated, bodies=tuple(replace(b, material=soft) for b in stated.bodies))
     words = ("block lengths", "expected")
-    return rejected(lambda: solve_static(softer, StaticOptions(symmetry=1)), StaticError, *words)
+    return rejected(lambda: static_state(softer, StaticOptions(symmetry=1)), StaticError, *words)
 
 
 @case()
@@ -85,7 +84,7 @@ def zero_load_static() -> Verdict:
     """No load between fixed rows: equilibrium of touching surfaces."""
     assembly = stack(2, top_fixed=True)
     empty = replace(pressed(assembly, 0.0), faces=())
-    result = solve_static(deformable(assembly, empty), StaticOptions(symmetry=1))
+    result = static_state(deformable(assembly, empty), StaticOptions(symmetry=1))
     # Surfaces press a little where they just touch; nothing can press more than that.
     touching = float(ExponentialLaw().pressure(0.0))
     return judged(
@@ -96,15 +95,12 @@ def zero_load_static() -> Verdict:
 
 @case()
 def mechanism_driven_static() -> Verdict:
-    """A column pushed sideways, nothing resists: rejected, or its blocks are named as loose."""
+    """A column pushed sideways, nothing resists: rejected."""
     assembly = stack(2)
     stated = deformable(assembly, pressed(assembly, 0.01, face="inner"))
-    try:
-        result = solve_static(stated, StaticOptions(symmetry=1))
-    except StaticError as error:
-        said = "expected" in str(error)
-        return judged(("says what is expected", said, "==", 1), message=str(error))
-    return judged(("called converged", result.converged, 0), message=result.evidence.status)
+    return rejected(
+        lambda: static_state(stated, StaticOptions(symmetry=1)), StaticError, "expected"
+    )
 
 
 @case()
@@ -113,7 +109,7 @@ def offset_1e6_mm_static() -> Verdict:
     assembly = tube(1)
     away = moved(assembly, np.eye(3), np.array([1e6, -1e6, 1e6]))
     mine, other = (
-        solve_static(deformable(a, named_load("pipe", 0.01).on(a), material=CONCRETE))
+        static_state(deformable(a, named_load("pipe", 0.01).on(a), material=CONCRETE))
         for a in (assembly, away)
     )
     # Coordinates lose 2e-10 mm; at 0.5 MPa the law has 570 MPa/mm: 1e-7 MPa of 0.5 MPa.
@@ -130,7 +126,7 @@ def incompressible_contact() -> Verdict:
     rubber = Material(density=2.4e-9, young_modulus=30_000.0, poisson_ratio=0.4999)
     load, element = pressed(assembly, 0.01), ElementType.B_BAR
     stated = deformable(assembly, load, material=rubber, element=element)
-    result = solve_static(stated, StaticOptions(symmetry=1))
+    result = static_state(stated, StaticOptions(symmetry=1))
     force = float((stated.surfaces.weights * result.pressures).sum())
     carried = (assembly.n_blocks - 1) * 0.01 * BRICK[0] * BRICK[1]
     return judged(
@@ -156,9 +152,9 @@ def cell_that_nothing_holds() -> Verdict:
     load = named_load("tunnel", 0.01).on(assembly)
     stated = Problem(assembly, load, CONCRETE, check_units=False).deformable
     condensed = StaticOptions(method=StaticMethod.CONDENSED)
-    ring = solve_static(stated, replace(condensed, symmetry=1))
-    sector = solve_static(stated, condensed)
-    sparse = solve_static(stated, StaticOptions(method=StaticMethod.SPARSE))
+    ring = static_state(stated, replace(condensed, symmetry=1))
+    sector = static_state(stated, condensed)
+    sparse = static_state(stated, StaticOptions(method=StaticMethod.SPARSE))
     return judged(
         ("residual", ring.evidence.residual, 1e-8),
         ("sector against ring", relative(sector.pressures, ring.pressures), 1e-6),

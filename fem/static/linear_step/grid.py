@@ -32,8 +32,7 @@ from fem.static.linear_step.block_tridiagonal import (
 )
 from fem.static.linear_step.condensed import levels_of
 from fem.static.linear_step.grid_block import GridBlock, PointFlexibility, grid_block
-from fem.static.linear_step.linearisation import Linearisation, UnheldBlocksError
-from fem.static.result import StaticError
+from fem.static.linear_step.linearisation import Linearisation, StaticError, UnheldBlocksError
 from fem.static.turning import Turned, TurningNormals
 from fem.system.system import NodalInverse, System, at_share
 from geometry.mesh import BoolArray, FloatArray, IntArray

@@ -162,6 +162,10 @@ def _pardiso(matrix: csr_array) -> Solve:
     return _Factor()
 
 
+class StaticError(RefusedError):
+    """A static problem that has no solution, or none that was found: what to do."""
+
+
 class UnheldBlocksError(ValueError):
     """Blocks that nothing holds in the linear problem of one iteration."""
 

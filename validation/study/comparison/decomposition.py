@@ -15,7 +15,6 @@ import numpy as np
 
 from fem.accuracy.facets import pressures_on_facets
 from fem.accuracy.ladder import LADDER, on_rung
-from fem.accuracy.one_mesh import static_state
 from fem.accuracy.statics import static_options
 from fem.contact.friction import CoulombFriction
 from fem.contact.law import LinearPenalty
@@ -23,6 +22,7 @@ from fem.measures import contact_on
 from fem.method import Static
 from fem.problem import Problem
 from fem.static.linear_step.flexibility import FlexibilityStore
+from fem.static.solve import static_state
 from geometry.answer import Answer
 from geometry.errors import RefusedError
 from validation.scene.contact import gap_words

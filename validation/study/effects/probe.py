@@ -7,11 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from fem.accuracy.one_mesh import static_state
 from fem.method import Explicit
 from fem.state import State
 from fem.static.linear_step.flexibility import FlexibilityStore
-from fem.static.solve import StaticOptions
+from fem.static.solve import StaticOptions, static_state
 from geometry.errors import RefusedError
 from geometry.machine.work import LimitError
 from validation.case import Case
