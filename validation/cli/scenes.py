@@ -81,17 +81,19 @@ def show(
 
 def _draw_scene(file: Case, path: Path) -> None:
     """Draw the blocks before any answer, with load and supports where they are of the scene."""
+    from validation.output.pictures.gallery import save_figure
+
     title, problem = f"{file.name}: {file.load_words}", file.with_method("rigid").problem
     weight: Any = problem.gravity
     if problem.is_solid:
         from validation.output.pictures.polyhedra import draw_blocks
 
-        draw_blocks(problem.blocks, path, title=title, weight=weight)
+        save_figure(draw_blocks(problem.blocks, title=title, weight=weight), path)
         return
     from validation.output.pictures.assemblies import draw_assembly
 
     blocks: Any = problem.rigid_blocks
-    draw_assembly(blocks, problem.load_case, path, title=title, weight=weight)
+    save_figure(draw_assembly(blocks, problem.load_case, title=title, weight=weight), path)
 
 
 @method_options("fem", "accuracy", "max_work", "max_seconds", "max_memory")

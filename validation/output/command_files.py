@@ -21,6 +21,8 @@ from validation.output.outputs import Outputs
 from validation.solving import solve
 
 if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
     from fem.explicit.output.energy import History
     from mbd.building.stages import StageResults
     from validation.output.explosion import Explosion
@@ -72,7 +74,7 @@ def _write_files(answer: Answer, outputs: Outputs) -> None:
     sections = answer.parts.get("sections")
     write_sections(sections if isinstance(sections, SectionForces) else None, outputs)
     for name, draw in pictures(answer).items():
-        outputs.write("picture", name, draw)
+        _write_picture(outputs, name, draw)
     if "stages" in answer.parts:
         columns = cast("StageResults", answer.parts["stages"]).table
         rows = list(zip(*columns.values(), strict=True))
@@ -88,20 +90,26 @@ def _write_files(answer: Answer, outputs: Outputs) -> None:
         outputs.say("frames", outputs.path("frames.pvd"))
 
 
-def pictures(answer: Answer) -> dict[str, Callable[[Path], None]]:
+def _write_picture(outputs: Outputs, name: str, draw: Callable[[], Figure]) -> None:
+    from validation.output.pictures.gallery import save_figure
+
+    outputs.write("picture", name, lambda path: save_figure(draw(), path))
+
+
+def pictures(answer: Answer) -> dict[str, Callable[[], Figure]]:
     """Pictures of an answer by the names of their files."""
     result = _rigid_pictures if answer.method == "rigid" else _deformable_pictures
     return {name: partial(draw, answer) for name, draw in result(answer).items()}
 
 
-def _rigid_pictures(answer: Answer) -> dict[str, Callable[[Answer, Path], None]]:
+def _rigid_pictures(answer: Answer) -> dict[str, Callable[[Answer], Figure]]:
     from validation.output.pictures.assemblies import draw_mechanism, draw_pressures
     from validation.output.pictures.polyhedra import draw_explosion, draw_polyhedra
 
-    result: dict[str, Callable[[Answer, Path], None]] = {}
+    result: dict[str, Callable[[Answer], Figure]] = {}
     if "disassembly" in answer.parts:
         explosion = cast("Explosion", answer.parts["disassembly"])
-        result["explosion.png"] = lambda _, path: draw_explosion(explosion, path)
+        result["explosion.png"] = lambda _: draw_explosion(explosion)
     if not is_meshed(answer):
         result["contacts.png"] = draw_polyhedra
     elif answer.details.holds:
@@ -115,11 +123,11 @@ def _rigid_pictures(answer: Answer) -> dict[str, Callable[[Answer, Path], None]]
     return result
 
 
-def _deformable_pictures(answer: Answer) -> dict[str, Callable[[Answer, Path], None]]:
+def _deformable_pictures(answer: Answer) -> dict[str, Callable[[Answer], Figure]]:
     """The picture of the displacement is one of tubes."""
     from validation.output.pictures import tubes
 
-    result: dict[str, Callable[[Answer, Path], None]] = {}
+    result: dict[str, Callable[[Answer], Figure]] = {}
     if answer.details.deformable.meets:
         result["contact_pressures.png"] = tubes.draw_contact
     result["stresses.png"] = tubes.draw_stresses
@@ -167,11 +175,8 @@ def _write_motions(answer: Answer, outputs: Outputs) -> None:
     ]
     heads = ("support", "time_s", "displacement_mm", "force_N")
     outputs.write("motions", "motions.csv", lambda path: write_csv(path, heads, rows))
-    outputs.write(
-        "picture",
-        "motions.png",
-        lambda path: draw_motions(curves, path, title=answer.title, limit=limit),
-    )
+    draw = partial(draw_motions, curves, title=answer.title, limit=limit)
+    _write_picture(outputs, "motions.png", draw)
 
 
 def _rigid_limit(answer: Answer) -> float | None:
@@ -190,4 +195,4 @@ def _write_history(history: History, title: str, outputs: Outputs) -> None:
         write_whole(path, lambda partial: partial.write_text(history.csv(), "utf-8"))
 
     outputs.write("history", "history.csv", table)
-    outputs.write("picture", "energies.png", lambda path: draw_energies(history, path, title=title))
+    _write_picture(outputs, "energies.png", partial(draw_energies, history, title=title))

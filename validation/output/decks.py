@@ -244,11 +244,13 @@ def _change_by_increments(answer: Answer) -> str:
 def draw_deck(deck: InputDeck, path: Path) -> None:
     """Draw blocks, fixed blocks and loads of a deck, before any answer."""
     from validation.output.pictures.assemblies import draw_assembly
+    from validation.output.pictures.gallery import save_figure
 
     problem = deck.problem()
     title = f"{path.parent.name}: {problem.blocks.n_blocks} blocks of the input deck"
     weight = None if problem.gravity is None else [float(part) for part in problem.gravity]
-    draw_assembly(problem.blocks, problem.load_case, path, title=title, weight=weight)
+    figure = draw_assembly(problem.blocks, problem.load_case, title=title, weight=weight)
+    save_figure(figure, path)
 
 
 def largest_rotation(answer: Answer) -> float:

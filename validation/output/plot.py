@@ -2,19 +2,22 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from geometry.answer import UNITS, Answer
 from geometry.mesh import HEX_FACES, FloatArray, IntArray
 from validation.errors import InputError
+from validation.output.pictures.scales import MISES_MAP, MOTION_MAP, PRESSURE_MAP, STRESS_MAP
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 #: Fields that are parts of others: their component.
 _PARTS = {"sigma_1": 0, "sigma_2": 1, "sigma_3": 2}
+#: Colours as in the pictures of commands; of what they do not draw those of sizes.
+_MAPS = {"pressure": PRESSURE_MAP, "mises": MISES_MAP, **dict.fromkeys(_PARTS, STRESS_MAP)}
 
 
 def plot(answer: Answer, field: str, *, layer: int | None = None, unrolled: bool = False) -> Figure:
@@ -40,9 +43,15 @@ def plot(answer: Answer, field: str, *, layer: int | None = None, unrolled: bool
     if not len(corners):
         raise InputError(f"plot: layer: got {layer}, which has nothing to draw; expected another")
     unit = UNITS.get("principal_stress" if field in _PARTS else field, "-")
-    label = f"{field} [{unit}]"
     draw = _unrolled if unrolled else _in_space
-    return draw(corners, values, label, answer.title)
+    figure, axes, faces = draw(corners, values)
+    faces.set_cmap(_MAPS.get(field, MOTION_MAP))
+    if field in _PARTS:  # zero is the middle of the colours
+        reach = float(np.abs(values).max()) or 1.0
+        faces.set_clim(-reach, reach)
+    axes.set_title(answer.title, fontsize="medium")
+    figure.colorbar(faces, ax=axes, label=f"{field} [{unit}]", shrink=1.0 if unrolled else 0.7)
+    return figure
 
 
 def _of_contacts(answer: Answer, field: str, layer: int | None) -> tuple[FloatArray, FloatArray]:
@@ -91,26 +100,24 @@ def _outside(cells: IntArray) -> IntArray:
     return np.asarray(faces[np.sort(first[count == 1])])
 
 
-def _in_space(corners: FloatArray, values: FloatArray, label: str, title: str) -> Figure:
+def _in_space(corners: FloatArray, values: FloatArray) -> tuple[Figure, Any, Any]:
     """Faces where they are, seen from above the corner."""
     from matplotlib.figure import Figure
     from mpl_toolkits.mplot3d.art3d import Poly3DCollection  # type: ignore[import-untyped]
 
     figure = Figure(figsize=(7.0, 6.0), layout="constrained")
     axes = figure.add_subplot(projection="3d")
-    drawn = Poly3DCollection(corners, array=values, cmap="viridis", edgecolors="none")
+    drawn = Poly3DCollection(corners, array=values, edgecolors="none")
     axes.add_collection3d(drawn)
     low, high = corners.reshape(-1, 3).min(axis=0), corners.reshape(-1, 3).max(axis=0)
     for name, span in zip("xyz", zip(low, high, strict=True), strict=True):
         getattr(axes, f"set_{name}lim")(*span)
         getattr(axes, f"set_{name}label")(f"{name} [mm]")
     axes.set_box_aspect(np.maximum(high - low, 1e-9 * (high - low).max()))
-    figure.colorbar(drawn, ax=axes, label=label, shrink=0.7)
-    axes.set_title(title, fontsize="medium")
-    return figure
+    return figure, axes, drawn
 
 
-def _unrolled(corners: FloatArray, values: FloatArray, label: str, title: str) -> Figure:
+def _unrolled(corners: FloatArray, values: FloatArray) -> tuple[Figure, Any, Any]:
     """Faces of a tube about the vertical axis, laid side by side."""
     from matplotlib.collections import PolyCollection
     from matplotlib.figure import Figure
@@ -122,11 +129,9 @@ def _unrolled(corners: FloatArray, values: FloatArray, label: str, title: str) -
     flat = np.stack([np.degrees(angle), corners[..., 2]], axis=-1)
     figure = Figure(figsize=(8.0, 4.5), layout="constrained")
     axes = figure.add_subplot()
-    drawn = PolyCollection(list(flat), array=values, cmap="viridis", edgecolors="face")
+    drawn = PolyCollection(list(flat), array=values, edgecolors="face")
     axes.add_collection(drawn)
     axes.autoscale_view()
     axes.set_xlabel("angle [degrees]")
     axes.set_ylabel("height [mm]")
-    axes.set_title(title, fontsize="medium")
-    figure.colorbar(drawn, ax=axes, label=label)
-    return figure
+    return figure, axes, drawn

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tempfile
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
@@ -16,9 +15,9 @@ from geometry.parts.rows import RowTable
 from validation.case import Case
 from validation.errors import InputError
 from validation.output.command_files import is_meshed, pictures
-from validation.output.pictures.view_3d import View3d, viewer_page
+from validation.output.pictures.view_3d import View3d, viewer_page, webp
 from validation.output.provenance import Provenance
-from validation.pages.page import page_text, webp_of
+from validation.pages.page import page_text
 from validation.pages.verdicts import Verdict, verdicts
 from validation.pages.views import layer_words, middle_layers, pressure_view, stress_view
 from validation.scene.keys.toml_text import toml_text
@@ -34,9 +33,8 @@ _CAPTIONS = {
     "contact_pressures": "Contact pressures.",
     "mechanism": "Mechanism: how the blocks move.",
     "stages": "Stages of the construction: what is new, what is propped.",
-    "stresses": "Principal stresses and deformed shape.",
-    "principal_stresses": "Directions of the principal stresses.",
-    "displacement": "Displacement.",
+    "stresses": "Principal stresses.",
+    "displacement": "Deformed shape.",
 }
 
 
@@ -188,32 +186,31 @@ def _side_by_side(known: Answer, tell: Tell) -> LoadTable:
 # Pictures
 
 
-def _pictures(report: SceneReport) -> Iterator[tuple[str, str, Callable[[Path], None]]]:
-    """Kind of blocks, name and drawing of each picture."""
+def _pictures(report: SceneReport) -> Iterator[tuple[str, str, Any]]:
+    """Kind of blocks, name and figure of each picture."""
     rigid = report.rigid
     if rigid is not None and is_meshed(rigid):
-        yield "all", "assembly", lambda path: _draw_assembly(rigid, path)
+        yield "all", "assembly", _assembly(rigid)
     for kind, answer in (("deformable", report.deformable), ("rigid", rigid)):
         for name, draw in ({} if answer is None else pictures(answer)).items():
-            yield kind, Path(name).stem, draw
+            yield kind, Path(name).stem, draw()
 
 
-def _draw_assembly(run: Answer, path: Path) -> None:
+def _assembly(run: Answer) -> Any:
     from validation.output.pictures.assemblies import draw_assembly
 
     title, weight = f"{run.case.name}: {run.case.load_words}", run.problem.gravity
-    draw_assembly(run.details.blocks, run.details.load, path, title=title, weight=weight)
+    return draw_assembly(run.details.blocks, run.details.load, title=title, weight=weight)
 
 
 def figures(report: SceneReport) -> list[Figure]:
     """Pictures of the page, the contact pressures first."""
+    from validation.output.pictures.gallery import pixels_of
+
     result = {}
-    with tempfile.TemporaryDirectory() as folder:
-        for kind, name, draw in _pictures(report):
-            path = Path(folder) / f"{kind}-{name}.png"
-            draw(path)
-            blocks = "" if kind == "all" else f" {kind.capitalize()} blocks."
-            result[kind, name] = Figure(f"{_CAPTIONS[name]}{blocks}", webp_of(path))
+    for kind, name, drawn in _pictures(report):
+        blocks = "" if kind == "all" else f" {kind.capitalize()} blocks."
+        result[kind, name] = Figure(f"{_CAPTIONS[name]}{blocks}", webp(pixels_of(drawn)))
     first = ("contact_pressures", "contacts", "assembly")
     order = sorted(result, key=lambda key: [*first, *_CAPTIONS].index(key[1]))
     return [result[key] for key in order]

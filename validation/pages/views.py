@@ -14,18 +14,16 @@ from geometry.assembly import Assembly
 from validation.output.command_files import is_meshed
 from validation.output.pictures.bodies import (
     PressedFacets,
-    colours_of_blocks,
+    blocks,
     eye,
     interface_facets,
     middle_layer,
-    outlines,
-    surfaces,
-    turns,
+    turn_colours,
 )
-from validation.output.pictures.canvas import Part, View
-from validation.output.pictures.polyhedra import contact_parts, polyhedra_parts
+from validation.output.pictures.canvas import View
+from validation.output.pictures.polyhedra import contact_parts
 from validation.output.pictures.scales import Scale, drawing_scale
-from validation.output.pictures.tubes import all_faces, stress_scale
+from validation.output.pictures.tubes import moved_blocks, stress_scale
 from validation.output.pictures.view_3d import View3d, make_view
 
 #: Layers on each side of the middle one that views of long tubes show.
@@ -41,12 +39,12 @@ def pressed_facets(run: Answer) -> PressedFacets:
 def pressed(facets: PressedFacets, layers: Sequence[int] | None = None) -> tuple[View, Scale]:
     """Contact facets in the colours of their pressures, of some layers or of all."""
     assembly, scale = facets.assembly, facets.scale
-    blocks = _in_layers(assembly.layer, layers)
-    rows = np.flatnonzero(np.isin(facets.block_m, blocks) | np.isin(facets.block_s, blocks))
+    some = _in_layers(assembly.layer, layers)
+    rows = np.flatnonzero(np.isin(facets.block_m, some) | np.isin(facets.block_s, some))
     if layers is not None:  # colours of what is shown; the bar says how far others go
         shown = replace(facets, pressures=facets.pressures[rows]).scale
         scale = replace(shown, reached=scale.reached)
-    parts: list[Part] = [facets.surface(rows, scale), facets.outlines(blocks)]
+    parts = [facets.surface(rows, scale), *facets.outlines(some)]
     return View(parts, eye(assembly)), scale
 
 
@@ -56,20 +54,19 @@ def rigid_view(run: Answer, layers: Sequence[int] | None = None) -> tuple[View, 
     The last value says in words what is shown.
     """
     words = "faces that can meet another block, coloured by contact pressure"
-    blocks = run.details.blocks
+    assembly, some, fixed = run.details.blocks, None, None
     if not is_meshed(run):
         parts, scale = contact_parts(run)
-        view = View(parts, eye(blocks))
         if scale.reached[1] > 0.0:
-            return view, scale, "contact interfaces, coloured by mean contact pressure"
-        return View(polyhedra_parts(blocks), eye(blocks)), None, "blocks; fixed ones grey"
-    if run.details.holds:
+            words = "contact interfaces, coloured by mean contact pressure"
+            return View(parts, eye(assembly)), scale, words
+    elif run.details.holds:
         view, scale = pressed(pressed_facets(run), layers)
         return view, scale, words
-    some = _in_layers(blocks.layer, layers)
-    colours = colours_of_blocks(run.details.load.fixed, turns(blocks))
-    drawn: list[Part] = [surfaces(blocks, some, colours.__getitem__), outlines(blocks, some)]
-    return View(drawn, eye(blocks)), None, "blocks; fixed ones grey"
+    else:
+        some, fixed = _in_layers(assembly.layer, layers), run.details.load.fixed
+    drawn = blocks(assembly, turn_colours(assembly, fixed), only=some)
+    return View(drawn, eye(assembly)), None, "blocks; fixed ones grey"
 
 
 def pressure_view(
@@ -85,18 +82,12 @@ def stressed(answer: Answer, layers: Sequence[int] | None = None) -> tuple[View,
     solution: State = answer.details
     deformable = solution.deformable
     scale, factor = stress_scale(solution), drawing_scale(solution)
-    shown = np.intersect1d(
-        deformable.deformable_blocks, _in_layers(deformable.assembly.layer, layers)
+    some = _in_layers(deformable.assembly.layer, layers)
+    shown = np.intersect1d(deformable.deformable_blocks, some).tolist()
+    parts = moved_blocks(
+        solution, lambda b: solution.principal(b)[:, 0], scale, only=shown, factor=factor
     )
-    surface = surfaces(
-        deformable.drawn,
-        shown.tolist(),
-        lambda block: scale.of(solution.principal(block)[:, 0]),
-        nodes=lambda block: deformable.positions(block) + factor * solution.displacement_of(block),
-        faces=all_faces(solution),
-        lit=False,
-    )
-    return View([surface], eye(deformable.drawn)), scale
+    return View(parts, eye(deformable.drawn)), scale
 
 
 def stress_view(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -17,21 +17,23 @@ from validation.output.pictures.bodies import (
     PressedFacets,
     above_and_below,
     block_legend,
-    colours_of_blocks,
+    blocks,
     eye,
     far_side,
     interface_facets,
     is_tube,
     load_arrows,
-    outlines,
     steep,
-    surfaces,
-    turns,
+    turn_colours,
+    turned,
     with_labels,
 )
 from validation.output.pictures.canvas import Direction, Lines, Part, Pixels, Surface, View
 from validation.output.pictures.gallery import Numbers, Panel, gallery, round_numbers
-from validation.output.pictures.scales import ORANGE, PRESSURE_MAP, VERMILION, Scale
+from validation.output.pictures.scales import MOTION_MAP, ORANGE, VERMILION, Scale
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 #: Width over height of unrolled joints.
 _UNROLLED = 2.6
@@ -44,37 +46,21 @@ _ROUND_OFF, _MOST = 1e-9, 0.9
 
 
 def draw_assembly(
-    assembly: Assembly,
-    load: LoadCase,
-    path: Path,
-    *,
-    title: str,
-    weight: Sequence[float] | None = None,
-) -> None:
+    assembly: Assembly, load: LoadCase, *, title: str, weight: Sequence[float] | None = None
+) -> Figure:
     """Draw blocks, fixed blocks, and load: from outside, and with the near side removed."""
     from matplotlib.patches import Patch
 
     released = assembly.fixed & ~load.fixed
-    colours = colours_of_blocks(load.fixed, turns(assembly))
-    colours = [ORANGE if released[b] else colour for b, colour in enumerate(colours)]
-    tube = is_tube(assembly)
+    usual, tube = turn_colours(assembly, load.fixed), is_tube(assembly)
 
-    def panel(title: str, blocks: IntArray, direction: tuple[float, float, float]) -> Panel:
-        shown = blocks.tolist()
-        # Of blocks between others, a whole tube shows the outer face alone.
-        inner = tube and len(shown) == assembly.n_blocks
-        ends = [b for b in shown if assembly.fixed[b] or not inner]
-        between = [b for b in shown if b not in ends]
-        parts: list[Part] = [
-            surfaces(assembly, ends, colours.__getitem__),
-            surfaces(assembly, between, colours.__getitem__, faces=("outer",)),
-            outlines(assembly, shown),
-            load_arrows(assembly, load, shown),
-        ]
+    def panel(title: str, shown: list[int], direction: Direction) -> Panel:
+        parts = blocks(assembly, lambda b: ORANGE if released[b] else usual(b), only=shown)
+        parts.append(load_arrows(assembly, load, shown))
         drawn = Panel(title, View(parts, direction, weight=weight))
         return with_labels(drawn, assembly, shown)
 
-    far = np.flatnonzero(far_side(assembly, assembly.centroids))
+    far = np.flatnonzero(far_side(assembly, assembly.centroids)).tolist()
     behind = EYE if tube else (-EYE[0], -EYE[1], EYE[2])
     second = "near side removed" if tube else "from the other side"
     legend = block_legend("fixed blocks" if load.fixed.any() else "")
@@ -83,10 +69,10 @@ def draw_assembly(
     if load.facet_forces.any():
         legend.append(Patch(color=VERMILION, label="load"))
     columns = [
-        [panel("from outside", np.arange(assembly.n_blocks), EYE)],
+        [panel("from outside", list(range(assembly.n_blocks)), EYE)],
         [panel(second, far, behind)],
     ]
-    gallery(columns, title, path, height=9.0, legend=legend)
+    return gallery(columns, title, height=9.0, legend=legend)
 
 
 # ---------------------------------------------------------------------------------------------
@@ -114,48 +100,50 @@ def pressing_words(force: FloatArray) -> str:
     )
 
 
-def draw_pressures(run: Answer, path: Path) -> None:
+def draw_pressures(run: Answer) -> Figure:
     """Draw the contact pressures of a rigid result in equilibrium."""
     facets = interface_facets(
         run.details.blocks, run.details.contact_index, run.contacts["pressure"]
     )
-    draw_pressed_facets(facets, path, title=pressure_title(run), weight=run.problem.gravity)
+    return draw_pressed_facets(facets, title=pressure_title(run), weight=run.problem.gravity)
 
 
 def draw_pressed_facets(
-    facets: PressedFacets, path: Path, *, title: str, weight: Sequence[float] | None = None
-) -> None:
+    facets: PressedFacets, *, title: str, weight: Sequence[float] | None = None
+) -> Figure:
     """Draw contact pressures on faces that can meet another block, as in the paper's figures.
 
-    A tube is cut open; the joints of its middle layer are drawn in 3-D and unrolled. Other
-    assemblies are drawn from above and from below, with all joints.
+    The far half of a tube is removed; the joints of the layer of the largest pressure are drawn in
+    3-D and unrolled. Other assemblies are drawn from above and from below, with all joints.
     """
-    assembly, scale = facets.assembly, facets.scale
-    tube = is_tube(assembly)
-    place, layer = facets.governing
-    # The near half is removed: the place of the largest pressure is in the other one.
-    towards = eye(assembly, 2.0 * assembly.origin - place)
-    shown = far_side(assembly, facets.corners.mean(axis=1), towards)
-    behind = np.flatnonzero(far_side(assembly, assembly.centroids, towards)).tolist()
-    parts: list[Part] = [facets.surface(np.flatnonzero(shown), scale), facets.outlines(behind)]
-    if not tube:
+    assembly, scale, towards = facets.assembly, facets.scale, facets.side
+    if not is_tube(assembly):
+        parts: list[Part] = [facets.surface(np.arange(len(facets.pressures)), scale)]
         nodes = np.concatenate([facets.nodes(b) for b in range(assembly.n_blocks)])
         extent = np.ptp(facets.corners.reshape(-1, 3), axis=0).max(initial=0.0)
-        if 0.0 < extent < _SMALL * np.ptp(nodes, axis=0).max():
-            parts.pop()  # among outlines of the blocks nobody would see them
-        panels = above_and_below(parts, eye(assembly), title="all joints")
-        gallery([[p] for p in panels], title, path, height=6.0, scale=scale)
-        return
+        if not 0.0 < extent < _SMALL * np.ptp(nodes, axis=0).max():
+            # Nobody would see small joints among outlines of the blocks.
+            parts += facets.outlines(range(assembly.n_blocks))
+        panels = above_and_below(parts, towards, title="all joints")
+        return gallery([[p] for p in panels], title, height=6.0, scale=scale)
+    behind = turned(towards, np.pi)
+    shown = np.flatnonzero(far_side(assembly, facets.corners.mean(axis=1), behind))
+    near = np.flatnonzero(far_side(assembly, assembly.centroids, behind)).tolist()
+    parts = [facets.surface(shown, scale), *facets.outlines(near)]
+    layer = facets.governing[1]
     joints = {"top": layer, "bottom": layer - 1}
     unrolled = [unrolled_panel(facets, lower, side, scale) for side, lower in joints.items()]
-    if len(facets.within(layer)):
-        unrolled.append(side_joints_panel(facets, layer, scale))
+    if len(beside := facets.within(layer)):
+        if facets.pressures[beside].max() > _ROUND_OFF * scale.high:
+            unrolled.append(side_joints_panel(facets, layer, scale))
+        else:
+            title += f"; side joints of layer {layer}: open"
     columns = [
-        [Panel("tube, near half removed", View(parts, towards, weight=weight))],
+        [Panel("tube, far half removed", View(parts, towards, weight=weight))],
         [ring_panel(facets, lower, scale, layer, towards) for lower in joints.values()],
         unrolled,
     ]
-    gallery(columns, title, path, height=9.5, scale=scale)
+    return gallery(columns, title, height=9.5, scale=scale)
 
 
 def ring_panel(
@@ -166,11 +154,8 @@ def ring_panel(
     towards: Direction = EYE,
 ) -> Panel:
     """One joint of a layer as an eye sees it: top faces from above, bottom faces from below."""
-    blocks = np.flatnonzero(facets.assembly.layer == layer).tolist()
-    parts: list[Part] = [
-        facets.surface(facets.between(lower), scale),
-        facets.outlines(blocks),
-    ]
+    shown = np.flatnonzero(facets.assembly.layer == layer).tolist()
+    parts = [facets.surface(facets.between(lower), scale), *facets.outlines(shown)]
     top = lower == layer
     where = f"layer {layer} of {facets.assembly.n_layers}"
     words = f"{where}:\n{'top faces from above' if top else 'bottom faces from below'}"
@@ -325,23 +310,20 @@ def _joint_edges(flat: FloatArray, pair: IntArray) -> FloatArray:
 # Mechanisms
 
 
-def draw_mechanism(run: Answer, path: Path) -> None:
+def draw_mechanism(run: Answer) -> Figure:
     """Draw the certified mechanism: blocks moved along it, coloured by how far they move."""
     assembly = run.details.blocks
     length = 0.3 * assembly.characteristic_length
     last = np.flatnonzero(np.diff(run.block_of_point)) + 1
     moves = np.split(run.fields["mechanism"], last)
     places = np.split(run.points + length * run.fields["mechanism"], last)
-    scale = Scale("displacement / largest displacement [–]", PRESSURE_MAP, 0.0, 1.0, (0.0, 1.0))
+    label, still = "displacement / largest displacement [–]", "does not move"
+    scale = Scale(label, MOTION_MAP, 0.0, 1.0, (0.0, 1.0), nothing=still)
 
     def shade(block: int) -> Pixels:
         return scale.of(np.linalg.norm(moves[block], axis=1))
 
-    blocks, nodes = range(assembly.n_blocks), places.__getitem__
-    parts: list[Part] = [
-        surfaces(assembly, blocks, shade, nodes=nodes),
-        outlines(assembly, blocks, nodes=nodes),
-    ]
+    parts = blocks(assembly, shade, places.__getitem__)
     view = View(parts, eye(assembly), weight=run.problem.gravity)
     words = "a motion that the load does not drive"
     if run.details.driven is not None:
@@ -349,5 +331,4 @@ def draw_mechanism(run: Answer, path: Path) -> None:
     elif run.details.moving is not None:
         words = "how blocks move that do not come to rest (not proved)"
     panel = Panel(f"first-order motion, largest displacement drawn {length:.3g} mm", view)
-    title = f"{run.title}; {words}"
-    gallery([[panel]], title, path, height=7.0, scale=scale)
+    return gallery([[panel]], f"{run.title}; {words}", height=7.0, scale=scale)

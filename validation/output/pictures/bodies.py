@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -16,7 +16,6 @@ from geometry.mesh import FloatArray, IntArray
 from geometry.parts.contact_mesh import interface_surface
 from geometry.parts.measures import facets_between, first_largest
 from geometry.parts.placed import AnyBlocks
-from geometry.polyhedra.assembly import PolyhedralAssembly
 from validation.output.pictures.canvas import (
     Direction,
     Lines,
@@ -91,8 +90,9 @@ def eye(assembly: AnyBlocks, before: FloatArray | None = None) -> Direction:
     """
     if isinstance(assembly, Assembly) and is_tube(assembly):
         return EYE if before is None else quarter(EYE, before - assembly.origin)
-    shapes = [s.mesh.nodes if isinstance(s, Block) else s.points for s in assembly.shapes]
-    placed = [assembly.place(b, shapes[k]) for b, k in enumerate(assembly.shape_of)]
+    placed = [
+        assembly.place(b, _points(assembly.shapes[k])) for b, k in enumerate(assembly.shape_of)
+    ]
     extent = np.ptp(np.concatenate(placed), axis=0)
     return FROM_ABOVE if extent[2] < 0.5 * min(extent[0], extent[1]) else FROM_THE_SIDE
 
@@ -166,22 +166,16 @@ def sharp_edges(
     return np.asarray(ends[first[pair[turned]]])
 
 
-def block_edges(shape: Block) -> IntArray:
-    """Edges between the faces of a shape, both ends of each, (n, 2)."""
-    polygons = np.concatenate(list(shape.faces.values()))
-    group = np.repeat(np.arange(len(shape.faces)), [len(quads) for quads in shape.faces.values()])
-    return sharp_edges(shape.mesh.nodes, polygons, group=group)
-
-
-def colours_of_blocks(fixed: npt.NDArray[np.bool_], turn: IntArray) -> list[str]:
-    """Fixed blocks grey, the others in turns of two blues."""
-    return [GREY if f else (BLUE, SKY)[k % 2] for f, k in zip(fixed, turn.tolist(), strict=True)]
-
-
-def turns(assembly: Assembly) -> IntArray:
-    """Number of each block in its layer, beginning with that of the layer, (n_blocks,)."""
-    order = [np.sum(assembly.layer[:b] == assembly.layer[b]) for b in range(assembly.n_blocks)]
-    return np.array(order, dtype=np.int64) + assembly.layer
+def turn_colours(
+    assembly: AnyBlocks, fixed: npt.NDArray[np.bool_] | None = None
+) -> Callable[[int], str]:
+    """Colours of blocks: fixed ones grey, the others in turns of two blues, layer after layer."""
+    grey = assembly.fixed if fixed is None else fixed
+    turn = np.arange(assembly.n_blocks)
+    if isinstance(assembly, Assembly):
+        layer = assembly.layer
+        turn = np.array([np.sum(layer[:b] == layer[b]) for b in turn], dtype=np.int64) + layer
+    return lambda block: GREY if grey[block] else (BLUE, SKY)[int(turn[block]) % 2]
 
 
 def block_legend(fixed: str = "fixed blocks", free: str = "free blocks") -> list[Any]:
@@ -192,7 +186,7 @@ def block_legend(fixed: str = "fixed blocks", free: str = "free blocks") -> list
     return [Patch(color=colour, label=name) for name, colour in words.items() if name]
 
 
-def with_labels(panel: Panel, assembly: AnyBlocks, blocks: Sequence[int]) -> Panel:
+def with_labels(panel: Panel, assembly: AnyBlocks, shown: Sequence[int]) -> Panel:
     """Panel with the number or name of some blocks, where the scene asks for one on them."""
     named = look().labels
     if named == "none":
@@ -200,9 +194,10 @@ def with_labels(panel: Panel, assembly: AnyBlocks, blocks: Sequence[int]) -> Pan
     names = assembly.names or [
         shape.name for shape in map(assembly.shape, range(assembly.n_blocks))
     ]
-    bodies = [surfaces(assembly, [b], lambda _: GREY) for b in blocks]
-    words = [str(b) if named == "numbers" else names[b] for b in blocks]
-    return labelled(panel, words, [(s.points, s.polygons) for s in bodies])
+    bodies = [blocks(assembly, lambda _: GREY, only=[b], edges=0.0)[0] for b in shown]
+    words = [str(b) if named == "numbers" else names[b] for b in shown]
+    parts = [(s.points, s.polygons) for s in bodies if isinstance(s, Surface)]
+    return labelled(panel, words, parts)
 
 
 def labelled(
@@ -233,97 +228,89 @@ def labelled(
     return replace(panel, labels=result)
 
 
-def _used(parts: Iterable[IntArray]) -> tuple[IntArray, IntArray]:
-    """Nodes that some faces or edges use, and these by their places among those."""
-    cells = np.concatenate(list(parts))
-    used, places = np.unique(cells, return_inverse=True)
-    return used, places.reshape(cells.shape)
+#: Nodes that faces or edges of a shape use, and these by their places among those.
+_Used = tuple[IntArray, IntArray]
 
 
-def reference(shape: Any) -> tuple[FloatArray, dict[str, IntArray]]:
-    """Points of a shape, and the polygons of its faces by name; triangles of a polyhedron."""
-    if isinstance(shape, Block):
-        return shape.mesh.nodes, shape.faces
-    return shape.points, {"surface": shape.triangles}
+def _used(parts: Sequence[IntArray]) -> _Used | None:
+    if not sum(map(len, parts)):
+        return None
+    used, places = np.unique(np.concatenate(parts), return_inverse=True)
+    return used, places.reshape(-1, parts[0].shape[1])
 
 
-def surfaces(
+def _faces(shape: Any) -> dict[str, IntArray]:
+    """Polygons of the faces of a shape by name; of a polyhedron its triangles."""
+    return shape.faces if isinstance(shape, Block) else {"surface": shape.triangles}
+
+
+def _points(shape: Any) -> FloatArray:
+    return np.asarray(shape.mesh.nodes if isinstance(shape, Block) else shape.points)
+
+
+def edges_of(shape: Any) -> IntArray:
+    """Edges between the faces of a shape, both ends of each, (n, 2)."""
+    if not isinstance(shape, Block):
+        return sharp_edges(shape.points, shape.triangles, angle=25.0)
+    polygons = np.concatenate(list(shape.faces.values()))
+    group = np.repeat(np.arange(len(shape.faces)), [len(quads) for quads in shape.faces.values()])
+    return sharp_edges(shape.mesh.nodes, polygons, group=group)
+
+
+def blocks(
     assembly: AnyBlocks,
-    blocks: Sequence[int],
-    shade: Callable[[int], str | Pixels],
+    colour: Callable[[int], str | Pixels] | None,
+    places: Places | None = None,
     *,
+    only: Sequence[int] | None = None,
     faces: Sequence[str] | None = None,
-    nodes: Places | None = None,
+    edges: float = 1.0,
     **options: Any,
-) -> Surface:
-    """Surfaces of some blocks as one part; ``options`` are those of `Surface`.
+) -> list[Part]:
+    """Blocks of any kind, where they stand or moved: their faces, and their edges over them.
 
     Parameters
     ----------
-    shade
-        Colour of a block, or of each of its nodes, (n_nodes, 3).
+    colour
+        Of a block, or of each of its nodes, (n_nodes, 3); None: edges alone.
+    places
+        Where the nodes of a block are drawn, (n_nodes, 3) [mm]; by default where it stands.
+    only
+        Blocks to draw; by default all.
     faces
         Names; those that a shape does not have are left out. By default all.
-    nodes
-        Where the nodes of a block are drawn, (n_nodes, 3) [mm]; by default where it stands.
+    edges
+        How much of what is behind them edges hide; zero: none are drawn.
+    options
+        Of `Surface`.
     """
-    bodies, shades = [], [np.zeros((0, 3), dtype=np.uint8)]
-    known: dict[int, tuple[FloatArray, IntArray, IntArray] | None] = {}
-    for block in blocks:
-        shape = int(assembly.shape_of[block])
-        if shape not in known:
-            points, named = reference(assembly.shape(block))
+    known: dict[int, tuple[_Used | None, _Used | None]] = {}
+    skins, lines, shades = [], [], []
+    for block in range(assembly.n_blocks) if only is None else only:
+        shape, number = assembly.shape(block), int(assembly.shape_of[block])
+        if number not in known:
+            named = _faces(shape)
             shown = [named[name] for name in (faces or named) if name in named]
-            known[shape] = (points, *_used(shown)) if shown else None
-        if (what := known[shape]) is None:
-            continue
-        points, used, corners = what
-        placed = assembly.place(block, points[used]) if nodes is None else nodes(block)[used]
-        bodies.append((placed, corners))
-        colour = shade(block)
-        one = np.tile(rgb(colour), (len(used), 1)) if isinstance(colour, str) else colour[used]
-        shades.append(one)
-    n_corners = bodies[0][1].shape[1] if bodies else 4
-    return Surface(*merged(bodies, n_corners), np.concatenate(shades), **options)
-
-
-def outlines(
-    assembly: AnyBlocks,
-    blocks: Sequence[int],
-    *,
-    nodes: Places | None = None,
-    width: float = 2.0,
-    opacity: float = 1.0,
-) -> Lines:
-    """Sharp edges of some blocks, as assembled or with the nodes given."""
-    if isinstance(assembly, PolyhedralAssembly):
-        return _outlines_of_triangles(assembly, blocks, nodes, width, opacity)
-    shapes = set(assembly.shape_of[list(blocks)].tolist())
-    edges = {number: block_edges(assembly.shapes[number]) for number in sorted(shapes)}
-    bodies = []
-    for block in blocks:
-        used, ends = _used([edges[int(assembly.shape_of[block])]])
-        if nodes is None:
-            placed = assembly.place(block, assembly.shape(block).mesh.nodes[used])
-        else:
-            placed = nodes(block)[used]
-        bodies.append((placed, ends))
-    return Lines(*merged(bodies, 2), width=width, opacity=opacity)
-
-
-def _outlines_of_triangles(
-    assembly: PolyhedralAssembly,
-    blocks: Sequence[int],
-    nodes: Places | None,
-    width: float,
-    opacity: float,
-) -> Lines:
-    """The same of triangulated blocks, found at once for all of them."""
-    shapes = [assembly.shape(block) for block in blocks]
-    points, triangles = merged([(shape.points, shape.triangles) for shape in shapes], 3)
-    used, ends = _used([sharp_edges(points, triangles, angle=25.0)])
-    places = [(assembly.points if nodes is None else nodes)(block) for block in blocks]
-    return Lines(np.concatenate(places)[used], ends, width=width, opacity=opacity)
+            known[number] = (
+                _used(shown) if colour else None,
+                _used([edges_of(shape)]) if edges else None,
+            )
+        skin, line = known[number]
+        at = assembly.place(block, _points(shape)) if places is None else places(block)
+        if skin and colour:
+            skins.append((at[skin[0]], skin[1]))
+            shade = colour(block)
+            each = np.tile(rgb(shade), (len(at), 1)) if isinstance(shade, str) else shade
+            shades.append(each[skin[0]])
+        if line:
+            lines.append((at[line[0]], line[1]))
+    parts: list[Part] = []
+    if skins:
+        surface = merged(skins, skins[0][1].shape[1])
+        parts.append(Surface(*surface, np.concatenate(shades), **options))
+    if lines:
+        parts.append(Lines(*merged(lines, 2), opacity=edges))
+    return parts
 
 
 # ---------------------------------------------------------------------------------------------
@@ -368,6 +355,11 @@ class PressedFacets:
         layer = int(np.clip(layers.min(), 1, self.assembly.n_layers))
         return self.corners[worst].mean(axis=0), layer
 
+    @property
+    def side(self) -> Direction:
+        """The side that pictures look from: of a tube, where its largest pressure is."""
+        return eye(self.assembly, self.governing[0])
+
     def between(self, lower: int) -> IntArray:
         """Facets between a layer and the next one, (n,)."""
         return facets_between(self.assembly.layer, self.block_m, self.block_s, lower)
@@ -387,9 +379,9 @@ class PressedFacets:
         shades = scale.of(self.pressures[rows])
         return Surface(self.corners[rows].reshape(-1, 3), quads, shades, lit=False)
 
-    def outlines(self, blocks: Sequence[int]) -> Lines:
+    def outlines(self, only: Sequence[int]) -> list[Part]:
         """Edges of some blocks, seen through."""
-        return outlines(self.assembly, blocks, nodes=self.nodes, opacity=0.5)
+        return blocks(self.assembly, None, self.nodes, only=only, edges=0.5)
 
 
 def interface_facets(
@@ -414,11 +406,11 @@ def interface_facets(
 # Loads
 
 
-def load_arrows(assembly: Assembly, load: LoadCase, blocks: Sequence[int]) -> Surface:
+def load_arrows(assembly: Assembly, load: LoadCase, shown: Sequence[int]) -> Surface:
     """Arrows on a sample of the loaded facets of some blocks, along the force."""
     force = load.facet_forces
     size = np.linalg.norm(force, axis=1)
-    pushed = np.flatnonzero((size > 0) & np.isin(load.block, list(blocks)))
+    pushed = np.flatnonzero((size > 0) & np.isin(load.block, list(shown)))
     # One arrow in each cell of a grid.
     cell = np.floor(load.centroids[pushed] / (0.45 * assembly.characteristic_length))
     x, y, z = (cell - cell.min(axis=0, initial=0.0)).astype(np.int64).T

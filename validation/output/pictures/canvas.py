@@ -57,8 +57,8 @@ class Lines:
     segments: IntArray
     """Both ends of each, (n, 2)."""
     colour: str = INK
-    width: float = 2.0
-    """[px], of which one and a half are one in the picture."""
+    width: float = 1.0
+    """[px]"""
     opacity: float = 1.0
 
 
@@ -69,8 +69,8 @@ class Dots:
     points: FloatArray
     """(n, 3) [mm]."""
     colour: str
-    size: float = 16.0
-    """[px], of which one and a half are one in the picture."""
+    size: float = 10.0
+    """[px]"""
 
 
 Part = Surface | Lines | Dots
@@ -198,8 +198,7 @@ def _made_window() -> Any:
     with quiet():
         window = vtkRenderWindow()
     window.SetOffScreenRendering(1)
-    # Views are rendered larger than they are shown: that costs less than samples of each pixel.
-    window.SetMultiSamples(0)
+    window.SetMultiSamples(0)  # several samples a pixel take three times as long
     return window
 
 
@@ -222,22 +221,27 @@ def _render(view: View, width: int, height: int) -> Pixels:
 
 @contextmanager
 def rendered(view: View, width: int, height: int) -> Iterator[Any]:
-    """VTK's window with a view in it."""
+    """VTK's window with a view in it; where it shows the same parts still, the camera moves."""
     window = _window()  # before all else: it brings what renders
-    from vtkmodules.vtkRenderingCore import vtkRenderer
+    parts, renderer = getattr(_WINDOWS, "shown", (None, None))
+    if parts is not view.parts:
+        from vtkmodules.vtkRenderingCore import vtkRenderer
 
-    renderer = vtkRenderer()
-    renderer.SetBackground(1.0, 1.0, 1.0)
-    for part in view.parts:
-        if len(part.points):
-            renderer.AddActor(_actor(part))
+        if renderer is not None:
+            window.RemoveRenderer(renderer)
+        renderer = vtkRenderer()
+        renderer.SetBackground(1.0, 1.0, 1.0)
+        for part in view.parts:
+            if len(part.points):
+                renderer.AddActor(_actor(part))
+        window.AddRenderer(renderer)
+        _WINDOWS.shown = view.parts, renderer
+    assert renderer is not None
     _aim(renderer.GetActiveCamera(), view, width / height)
     window.SetSize(width, height)
-    window.AddRenderer(renderer)
     with quiet():
         window.Render()
     yield window
-    window.RemoveRenderer(renderer)
 
 
 def _aim(camera: Any, view: View, shape: float) -> None:

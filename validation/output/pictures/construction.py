@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import TYPE_CHECKING, cast
 
 import numpy as np
@@ -11,12 +10,14 @@ from geometry.answer import Answer
 from geometry.parts.placed import AnyBlocks
 from geometry.parts.rows import number
 from mbd.building.stages import Stands
-from validation.output.pictures.bodies import arrows, eye, outlines, surfaces
-from validation.output.pictures.canvas import INK, Lines, Part, View
+from validation.output.pictures.bodies import arrows, blocks, eye
+from validation.output.pictures.canvas import INK, Part, View
 from validation.output.pictures.gallery import Panel, gallery
 from validation.output.pictures.scales import BLUE, GREY, ORANGE, SKY, VERMILION
 
 if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
     from mbd.building.stages import Stage, StageResults
 
 #: Stages that are drawn at most, and in one row where there are no more.
@@ -25,13 +26,13 @@ _MOST, _ROW = 8, 3
 _LONGEST, _SHORTEST = 1.3, 0.6
 
 
-def _view(stage: Stage, blocks: AnyBlocks, largest: float, whole: Lines) -> View:
+def _view(stage: Stage, assembly: AnyBlocks, largest: float, whole: list[Part]) -> View:
     """What is placed, over pale edges of the whole, and arrows of the props from below."""
     new, moving = set(stage.new), set[int]()
     if stage.stands is Stands.FALLS and (motion := stage.moves) is not None:
         moving = {one.block for one in motion.blocks}
     there = np.flatnonzero(stage.there).tolist()
-    fixed = blocks.fixed
+    fixed = assembly.fixed
 
     def colour(block: int) -> str:
         if block in moving:
@@ -40,35 +41,35 @@ def _view(stage: Stage, blocks: AnyBlocks, largest: float, whole: Lines) -> View
             return ORANGE
         return GREY if fixed[block] else (BLUE, SKY)[block % 2]
 
-    parts: list[Part] = [whole, surfaces(blocks, there, colour), outlines(blocks, there)]
+    parts = [*whole, *blocks(assembly, colour, only=there)]
     propped = stage.propped
     if propped:
         force = stage.props[propped]
         size = np.linalg.norm(force, axis=1, keepdims=True)
         length = np.clip(size / largest, _SHORTEST / _LONGEST, 1.0) * _LONGEST
-        along = force / size * length * blocks.characteristic_length
+        along = force / size * length * assembly.characteristic_length
         # Arrows end inside of their blocks; they are drawn in front of them.
-        towards = np.array(eye(blocks)) / np.linalg.norm(eye(blocks))
-        front = 2.0 * blocks.characteristic_length * towards
-        parts.append(arrows(blocks.centroids[propped] - along + front, along, INK))
-    return View(parts, eye(blocks))
+        towards = np.array(eye(assembly)) / np.linalg.norm(eye(assembly))
+        front = 2.0 * assembly.characteristic_length * towards
+        parts.append(arrows(assembly.centroids[propped] - along + front, along, INK))
+    return View(parts, eye(assembly))
 
 
-def draw_stages(answer: Answer, path: Path) -> None:
+def draw_stages(answer: Answer) -> Figure:
     """Draw up to eight stages of a construction, in two rows."""
     from matplotlib.patches import Patch
 
-    results, blocks = cast("StageResults", answer.parts["stages"]), answer.details.blocks
+    results, assembly = cast("StageResults", answer.parts["stages"]), answer.details.blocks
     chosen = results.shown(_MOST)
     sizes = [np.linalg.norm(stage.props, axis=1).max(initial=0.0) for stage in results]
     largest = float(max(sizes, default=0.0)) or 1.0
-    whole = outlines(blocks, range(blocks.n_blocks), width=0.8, opacity=0.25)
+    whole = blocks(assembly, None, edges=0.25)
     panels = []
     for stage in chosen:
         words = str(stage.stands).partition(":")[0].partition(" (")[0]
         props = f", {number(stage.propping)} N" if stage.propped else ""
         panels.append(
-            Panel(f"stage {stage.number}: {words}{props}", _view(stage, blocks, largest, whole))
+            Panel(f"stage {stage.number}: {words}{props}", _view(stage, assembly, largest, whole))
         )
     across = len(panels) if len(panels) <= _ROW else -(-len(panels) // 2)
     if len(panels) % across:  # a column of one would be as high as both rows
@@ -82,4 +83,4 @@ def draw_stages(answer: Answer, path: Path) -> None:
         colours[f"prop; the longest {number(largest)} N"] = INK
     legend = [Patch(color=colour, label=name) for name, colour in colours.items()]
     title = f"{answer.case.name}, rigid blocks: stages of the construction, weight alone"
-    gallery(columns, f"{title}\n{results.words}", path, height=6.5, legend=legend)
+    return gallery(columns, f"{title}\n{results.words}", height=6.5, legend=legend)

@@ -2,19 +2,20 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from validation.output.pictures.gallery import save_figure, subplots, wrapped
+from validation.output.pictures.gallery import subplots, wrapped
 from validation.output.pictures.scales import BLUE, GREEN, GREY, ORANGE, SKY, VERMILION
 
 if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
     from fem.explicit.output.energy import History
 
 
-def draw_energies(history: History, path: Path, *, title: str) -> None:
+def draw_energies(history: History, *, title: str) -> Figure:
     """Plot the energies of a run over time, and the error of their balance."""
     time = 1e3 * history.column("time")
     dissipation = sum(
@@ -47,4 +48,4 @@ def draw_energies(history: History, path: Path, *, title: str) -> None:
     lower.set_ylabel("balance error [–]")
     lower.set_xlabel("time [ms]")
     lower.grid(alpha=0.3)
-    save_figure(figure, path)
+    return figure

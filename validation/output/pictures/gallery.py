@@ -8,6 +8,7 @@ the program and the day. Words are measured once, views and plots fill the room 
 from __future__ import annotations
 
 import datetime
+import io
 import re
 import textwrap
 from collections.abc import Callable, Mapping, Sequence
@@ -20,8 +21,7 @@ import numpy as np
 
 from geometry.machine.system import write_whole
 from geometry.mesh import FloatArray
-from validation.output.files import require_picture
-from validation.output.pictures.canvas import LARGEST, View
+from validation.output.pictures.canvas import Pixels, View
 from validation.output.pictures.scales import VERMILION, Scale
 from validation.output.pictures.style import look, settings
 from validation.output.provenance import program
@@ -47,8 +47,6 @@ _NUMBERS, _TICK = (0.68, 0.15, 0.5), 0.05
 _ARROW, _SEEN_ALONG = 0.17, 0.15
 #: Letters of the title in an inch.
 _TITLE_LETTERS = 10.5
-#: Pixels of a view, along each side, over those that are shown: twice as many cost twice as much.
-_FINER = 1.5
 #: Pixels of a file per inch.
 _DOTS = 130
 
@@ -150,14 +148,13 @@ class Panel:
 def gallery(
     columns: Sequence[Sequence[Panel]],
     title: str,
-    path: Path,
     *,
     height: float = 7.5,
     widest: float = 16.0,
     scale: Scale | Sequence[Scale] | None = None,
     legend: Sequence[Any] = (),
-) -> None:
-    """Draw panels, those of each column from above, and write them as PNG.
+) -> Figure:
+    """Draw panels, those of each column from above.
 
     Parameters
     ----------
@@ -173,7 +170,6 @@ def gallery(
     """
     from matplotlib import rc_context
 
-    require_picture(path)
     bars = [] if scale is None else [scale] if isinstance(scale, Scale) else list(scale)
     with rc_context(settings()):
         beside = max((_beside(bar) + _SMALL_LINE * len(bar.lines) for bar in bars), default=0.0)
@@ -202,7 +198,7 @@ def gallery(
             page.figure.legend(
                 handles=list(legend), loc="lower center", bbox_to_anchor=place, **options
             )
-        save_figure(page.figure, path)
+        return page.figure
 
 
 # ---------------------------------------------------------------------------------------------
@@ -335,7 +331,8 @@ class _Page:
         """Show a rendered view with its axes or numbers."""
         x, y, wide, high = box
         per_inch = view.size[1] / high
-        self.paint(_pixels(view, wide * self.figure.dpi, high * self.figure.dpi), x, y)
+        dots = self.figure.dpi
+        self.paint(view.render(round(wide * dots), round(high * dots)), x, y)
         if panel.numbers is None:
             self._draw_axes(x + _AT_AXES[0], y + _AT_AXES[1], view)
             self._draw_scale_bar(x + _AT_BAR[0], y + _AT_BAR[1], view.size[0], per_inch)
@@ -466,19 +463,6 @@ def wrapped(title: str, width: float) -> str:
     return "\n".join(textwrap.fill(part, count) for part in title.split("\n"))
 
 
-def _pixels(view: View, width: float, height: float) -> Any:
-    """Exactly so many pixels of a view, from more of them, so that lines are smooth.
-
-    Where one window has not as many, from as many as it has.
-    """
-    from PIL import Image
-
-    size = max(round(width), 1), max(round(height), 1)
-    more = min(_FINER, LARGEST / max(size))
-    pixels = view.render(*(round(more * side) for side in size))
-    return np.asarray(Image.fromarray(pixels).resize(size, Image.Resampling.BOX))
-
-
 def _image(pixels: Any, x: float, y: float) -> Any:
     """Pixels at a place in a figure [in]."""
     from matplotlib.artist import Artist
@@ -515,10 +499,32 @@ def twos_and_fives(words: Callable[[float], str]) -> FuncFormatter:
 
 
 def save_figure(figure: Figure, path: Path, *, about: str = "") -> None:
-    """Write a chart as PNG, SVG or PDF, whole or not at all; its foot names program and day."""
+    """Write a figure as PNG, SVG or PDF, whole or not at all; its foot names program and day."""
+    kind = path.suffix.lower().removeprefix(".")
+    write_whole(path, lambda partial: _save(figure, partial, kind, about))
+
+
+def png_of(figure: Figure) -> bytes:
+    """The same as bytes of a PNG."""
+    buffer = io.BytesIO()
+    _save(figure, buffer, "png", "")
+    return buffer.getvalue()
+
+
+def pixels_of(figure: Figure) -> Pixels:
+    """A figure without foot as pixels, (height, width, 3)."""
     from matplotlib import rc_context
 
-    kind = path.suffix.lower().removeprefix(".")
+    _read_no_formulas(figure)
+    canvas: Any = figure.canvas
+    with rc_context(settings()):
+        canvas.draw()
+    return np.asarray(canvas.buffer_rgba())[..., :3]
+
+
+def _save(figure: Figure, target: Any, kind: str, about: str) -> None:
+    from matplotlib import rc_context
+
     today = datetime.date.today().isoformat()
     foot = " · ".join(part for part in (about, f"tubelock {program()}", today) if part)
     width, height = figure.get_size_inches()
@@ -529,12 +535,8 @@ def save_figure(figure: Figure, path: Path, *, about: str = "") -> None:
     options: dict[str, Any] = {"dpi": _DOTS}
     if kind == "png":
         options["pil_kwargs"] = {"compress_level": 3}
-
-    def write(partial: Path) -> None:
-        figure.savefig(partial, format=kind, metadata=_metadata(kind, foot), **options)
-
     with rc_context(settings()):
-        write_whole(path, write)
+        figure.savefig(target, format=kind, metadata=_metadata(kind, foot), **options)
 
 
 def subplots(

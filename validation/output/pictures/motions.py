@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 from geometry.parts.rows import number
-from validation.output.pictures.gallery import save_figure, subplots, wrapped
+from validation.output.pictures.gallery import subplots, wrapped
 from validation.output.pictures.scales import BLUE, GREEN, ORANGE, VERMILION
 
 if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
     from fem.system.reactions import PushCurve
 
 #: Forces from here on are drawn in kN [N].
@@ -18,8 +19,8 @@ _COLOURS = (BLUE, VERMILION, GREEN, ORANGE)
 
 
 def draw_motions(
-    curves: tuple[PushCurve, ...], path: Path, *, title: str, limit: float | None = None
-) -> None:
+    curves: tuple[PushCurve, ...], *, title: str, limit: float | None = None
+) -> Figure:
     """Plot force against displacement of each support that moves, the largest force marked.
 
     Beside it the limit load of rigid blocks [N], where there is one.
@@ -60,4 +61,4 @@ def draw_motions(
     axes.grid(alpha=0.3)
     if len(curves) > 1:
         axes.legend(frameon=False)
-    save_figure(figure, path)
+    return figure

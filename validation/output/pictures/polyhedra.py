@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -17,10 +16,9 @@ from geometry.polyhedra.overlap import SignedDistance
 from validation.output.pictures.bodies import (
     EYE,
     block_legend,
-    colours_of_blocks,
+    blocks,
     eye,
-    outlines,
-    surfaces,
+    turn_colours,
     with_labels,
 )
 from validation.output.pictures.canvas import (
@@ -31,42 +29,27 @@ from validation.output.pictures.canvas import (
     View,
 )
 from validation.output.pictures.gallery import Panel, gallery
-from validation.output.pictures.scales import VERMILION, Scale, pressure_scale
+from validation.output.pictures.scales import PALE, VERMILION, Scale, pressure_scale
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
     from validation.output.explosion import Explosion
 
-_PALE = "#9ECAE1"
 #: Panels of an explosion, in wall thicknesses.
 PANELS = (0.0, 0.25, 0.5, 1.0)
 
 
-def polyhedra_parts(
-    assembly: PolyhedralAssembly, places: list[FloatArray] | None = None, *, opacity: float = 1.0
-) -> list[Part]:
-    """Blocks and their edges: fixed ones grey, free ones in two blues.
-
-    ``places`` are the vertices of each block [mm]; by default where they stand.
-    """
-    every, nodes = range(assembly.n_blocks), None if places is None else places.__getitem__
-    colours = colours_of_blocks(assembly.fixed, np.arange(assembly.n_blocks))
-    return [
-        surfaces(assembly, every, colours.__getitem__, nodes=nodes, opacity=opacity),
-        outlines(assembly, every, nodes=nodes),
-    ]
-
-
 def draw_blocks(
-    assembly: PolyhedralAssembly, path: Path, *, title: str, weight: Sequence[float] | None = None
-) -> None:
+    assembly: PolyhedralAssembly, *, title: str, weight: Sequence[float] | None = None
+) -> Figure:
     """Draw the blocks where they stand."""
     free, fixed = int((~assembly.fixed).sum()), int(assembly.fixed.sum())
-    view = View(polyhedra_parts(assembly), eye(assembly), weight=weight)
+    view = View(blocks(assembly, turn_colours(assembly)), eye(assembly), weight=weight)
     words = f"{_count(free, 'free block')}, {fixed} fixed"
     panel = with_labels(Panel(words, view), assembly, range(assembly.n_blocks))
-    gallery([[panel]], title, path, height=6.5, legend=block_legend())
+    return gallery([[panel]], title, height=6.5, legend=block_legend())
 
 
 def _count(n: int, what: str) -> str:
@@ -80,17 +63,16 @@ def contact_parts(run: Answer) -> tuple[list[Part], Scale]:
     joints = np.arange(len(pressures))
     scale = pressure_scale("mean contact pressure [MPa]", pressures, joints)
     triangles, owner = interfaces.polygons.triangles
-    colour: Any = _PALE
+    colour: Any = PALE
     if scale.reached[1] > 0.0:
         colour = scale.of(pressures[interfaces.polygons.patch[owner]])
-    every = range(run.details.blocks.n_blocks)
-    parts: list[Part] = [outlines(run.details.blocks, every, width=1.4, opacity=0.35)]
+    parts = blocks(run.details.blocks, None, edges=0.35)
     if len(triangles):
         parts.append(Surface(interfaces.polygons.corners, triangles, colour, lit=False))
     return parts, scale
 
 
-def draw_polyhedra(run: Answer, path: Path) -> None:
+def draw_polyhedra(run: Answer) -> Figure:
     """Draw the blocks, and beside them the contacts that were found."""
     from matplotlib.lines import Line2D
     from matplotlib.patches import Patch
@@ -98,7 +80,6 @@ def draw_polyhedra(run: Answer, path: Path) -> None:
     assembly, interfaces, result = run.details.blocks, run.details.blocks.interfaces, run.details
     contacts, scale = contact_parts(run)
     pressed = scale.reached[1] > 0.0
-    every = range(assembly.n_blocks)
     legend = block_legend()
     row = chain(run.details.joints) if pressed else None
     if row is not None:
@@ -106,14 +87,14 @@ def draw_polyhedra(run: Answer, path: Path) -> None:
         points = run.details.joints.points[row]
         # In front of the interfaces, which would hide it.
         nearer = np.ptp(interfaces.polygons.corners, axis=0).max() * np.array(eye(assembly))
-        contacts.append(Lines(points + nearer, ends, VERMILION, width=5.0))
+        contacts.append(Lines(points + nearer, ends, VERMILION, width=3.0))
         legend.append(Line2D([], [], color=VERMILION, label="thrust line"))
     bare = interfaces.patch < 0
     if not pressed:
-        legend.append(Patch(color=_PALE, label="contact interfaces"))
+        legend.append(Patch(color=PALE, label="contact interfaces"))
     if bare.any():
         # Hundreds of large dots would hide the pressures.
-        size = float(np.clip(160.0 / np.sqrt(bare.sum()), 5.0, 16.0))
+        size = float(np.clip(100.0 / np.sqrt(bare.sum()), 4.0, 10.0))
         contacts.append(Dots(interfaces.centroids[bare], VERMILION, size))
         legend.append(
             Line2D(
@@ -121,15 +102,17 @@ def draw_polyhedra(run: Answer, path: Path) -> None:
             )
         )
     weight = run.problem.gravity
-    blocks = Panel("blocks", View(polyhedra_parts(assembly), eye(assembly), weight=weight))
+    whole = View(blocks(assembly, turn_colours(assembly)), eye(assembly), weight=weight)
+    words = "contact interfaces"
+    if not pressed:
+        words += f"\n{'no force between blocks' if result.holds else 'no forces: not carried'}"
     counts = (result.n_blocks, "free block"), (interfaces.n_contacts, "contact point")
-    gallery(
+    return gallery(
         [
-            [with_labels(blocks, assembly, every)],
-            [Panel("contact interfaces", View(contacts, eye(assembly), weight=weight))],
+            [with_labels(Panel("blocks", whole), assembly, range(assembly.n_blocks))],
+            [Panel(words, View(contacts, eye(assembly), weight=weight))],
         ],
         f"{run.title}\n{', '.join(_count(*count) for count in counts)}",
-        path,
         height=6.0,
         scale=scale if pressed else None,
         legend=legend,
@@ -176,7 +159,8 @@ def _exploded(run: Explosion, distance: float) -> View:
     inside = []
     if distance > 0:
         inside = _inside_corners(assembly, places, translations, run.finite.tolerance)
-    parts = polyhedra_parts(assembly, places, opacity=0.35 if inside else 1.0)
+    seen_through = 0.35 if inside else 1.0
+    parts = blocks(assembly, turn_colours(assembly), places.__getitem__, opacity=seen_through)
     if inside:
         corners = np.concatenate(inside).reshape(-1, 3)
         triangles = np.arange(len(corners)).reshape(-1, 3)
@@ -184,7 +168,7 @@ def _exploded(run: Explosion, distance: float) -> View:
     return View(parts, EYE)
 
 
-def draw_explosion(run: Explosion, path: Path) -> None:
+def draw_explosion(run: Explosion) -> Figure:
     """Draw a strip of growing outward displacements, and the depth over the displacement."""
     from matplotlib.patches import Patch
 
@@ -202,11 +186,10 @@ def draw_explosion(run: Explosion, path: Path) -> None:
     columns = [[Panel(f"{d:g} mm outward", _exploded(run, d))] for d in distances]
     columns.append([Panel("depth of the deepest overlap", plot=depths, shape=0.7)])
     verdict = "disassembles" if run.explodes else "does not disassemble"
-    gallery(
+    return gallery(
         columns,
         f"{run.name}, rigid blocks: all move outward, no load; {verdict}; first-order gap rate "
         f"{run.first.smallest_gap_rate:.3g}, free up to {run.finite.free_distance:.3g} mm",
-        path,
         height=7.0,
         widest=17.0,
         legend=[

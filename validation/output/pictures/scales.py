@@ -27,17 +27,21 @@ BLUE, SKY, ORANGE, VERMILION, GREEN, GREY = (
 PALE = "#E4E4E4"
 #: Lines of one plot, one after the other.
 OF_LINES = (BLUE, ORANGE, GREEN, VERMILION)
-#: Pale is low, dark is high: pressures.
+#: One map for each quantity. Pale is low, dark is high: pressures.
 PRESSURE_MAP = "YlGnBu"
+#: Less green, more brown: pressures against those of another answer.
+DIFFERENCE_MAP = "BrBG_r"
 #: Compression blue, tension red.
 STRESS_MAP = "RdBu_r"
+#: Stresses without a sign.
+MISES_MAP = "YlOrRd"
 #: Part of the largest value below which there is none.
 _ZERO = 1e-9
 #: Part of the largest pressure below which colours of linear scales look alike; powers of ten of
 #: logarithmic ones.
 _FAINT, _DECADES = 0.1, 3.0
-#: Displacements.
-MOTION_MAP = "viridis"
+#: Sizes of displacements, and displacements outward (orange) and inward (purple).
+MOTION_MAP, OUTWARD_MAP = "viridis", "PuOr_r"
 
 
 @dataclass(frozen=True)

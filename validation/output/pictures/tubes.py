@@ -6,7 +6,6 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
@@ -20,16 +19,17 @@ from validation.output.pictures.assemblies import draw_pressed_facets
 from validation.output.pictures.bodies import (
     PressedFacets,
     above_and_below,
+    blocks,
     eye,
-    outlines,
     quarter,
     steep,
-    surfaces,
 )
 from validation.output.pictures.canvas import Direction, Part, View
 from validation.output.pictures.gallery import Panel, gallery
 from validation.output.pictures.scales import (
+    MISES_MAP,
     MOTION_MAP,
+    OUTWARD_MAP,
     STRESS_MAP,
     Scale,
     drawing_scale,
@@ -38,6 +38,8 @@ from validation.output.pictures.scales import (
 )
 
 if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
     from fem.state import State
     from geometry.answer import Answer
 
@@ -70,7 +72,7 @@ STRESSES = (
     Stress("σ₃", lambda principal: principal[:, 2], "smallest", "sigma_3_min"),
 )
 #: The stress that is drawn beside them on request.
-MISES = Stress("von Mises stress", von_mises, "largest", "mises_max", MOTION_MAP)
+MISES = Stress("von Mises stress", von_mises, "largest", "mises_max", MISES_MAP)
 
 
 def stresses_of(answer: Answer) -> tuple[Stress, ...]:
@@ -78,39 +80,35 @@ def stresses_of(answer: Answer) -> tuple[Stress, ...]:
     return (*STRESSES, MISES) if answer.case.pictures.mises else STRESSES
 
 
-def blocks_view(
+def moved_blocks(
+    solution: State, values: Callable[[int], FloatArray], scale: Scale, **options: Any
+) -> list[Part]:
+    """Deformable blocks in the colours of a quantity at their nodes, moved by ``factor`` times u.
+
+    Other options are those of `blocks`.
+    """
+    deformable, factor = solution.deformable, options.pop("factor", 0.0)
+    options = {"only": deformable.deformable_blocks.tolist(), "edges": 0.0, **options}
+
+    def places(block: int) -> FloatArray:
+        return deformable.positions(block) + factor * solution.displacement_of(block)
+
+    return blocks(deformable.drawn, lambda b: scale.of(values(b)), places, lit=False, **options)
+
+
+def _view(
     solution: State,
     values: Callable[[int], FloatArray],
     scale: Scale,
-    faces: Sequence[str],
     direction: Direction,
-    *,
-    factor: float = 0.0,
+    **options: Any,
 ) -> View:
-    """Named faces of all deformable blocks, moved by a factor of their displacement."""
-    assembly, deformable = (
-        solution.deformable.drawn,
-        solution.deformable.deformable_blocks.tolist(),
-    )
-
-    def nodes(block: int) -> FloatArray:
-        return solution.deformable.positions(block) + factor * solution.displacement_of(block)
-
-    parts: list[Part] = [
-        surfaces(
-            assembly,
-            deformable,
-            lambda block: scale.of(values(block)),
-            nodes=nodes,
-            faces=faces,
-            lit=False,
-        )
-    ]
-    rigid = np.flatnonzero(solution.deformable.group_of < 0).tolist()
-    # Single bodies show their edges, and where they were.
-    edged = rigid if solution.deformable.meets else deformable
-    parts.append(outlines(assembly, edged, opacity=0.6))
-    return View(parts, direction)
+    """`moved_blocks`, and edges of the others; single bodies show their own, where they were."""
+    deformable = solution.deformable
+    rigid = np.flatnonzero(deformable.group_of < 0).tolist()
+    edged = rigid if deformable.meets else deformable.deformable_blocks.tolist()
+    parts = moved_blocks(solution, values, scale, **options)
+    return View([*parts, *blocks(deformable.drawn, None, only=edged, edges=0.6)], direction)
 
 
 # ---------------------------------------------------------------------------------------------
@@ -119,13 +117,6 @@ def blocks_view(
 
 def _moved(solution: State, block: int) -> FloatArray:
     return np.asarray(np.linalg.norm(solution.displacement_of(block), axis=1))
-
-
-def all_faces(solution: State) -> tuple[str, ...]:
-    """Names of all faces of the deformable blocks."""
-    assembly = solution.deformable.drawn
-    shapes = (assembly.shape(b) for b in solution.deformable.deformable_blocks.tolist())
-    return tuple(dict.fromkeys(face for shape in shapes for face in shape.faces))
 
 
 def _stress(solution: State, stress: Stress, block: int) -> FloatArray:
@@ -163,33 +154,36 @@ def extreme(answer: Answer, stress: Stress) -> tuple[FloatArray, str]:
     return answer.details.deformable.positions(block)[node], words.replace("-", "−")
 
 
-def draw_stresses(answer: Answer, path: Path) -> None:
-    """Draw stresses and the displacement, and the first stress on the faces that meet others.
+def draw_stresses(answer: Answer) -> Figure:
+    """Draw stresses, and the first one on the faces that meet others; from where contacts are seen.
 
-    Of a tube the outer surface, and the joints of the middle layer; of other blocks all surfaces.
+    Of a tube the outer surface, and the joints of a layer; of other blocks all surfaces, and the
+    displacement.
     """
     solution, tube = answer.details, is_round(answer.details.deformable.drawn)
-    direction = eye(solution.deformable.drawn, extreme(answer, STRESSES[0])[0])
-    faces = ("outer",) if tube else all_faces(solution)
+    meets = solution.deformable.meets
+    direction = run_facets(answer).side if meets else eye(solution.deformable.drawn)
     columns = []
     for stress in stresses_of(answer):
         scale, values = stress_scale(solution, stress), partial(_stress, solution, stress)
         words = f"{stress.symbol}{', outer surface' if tube else ''}"
-        view = blocks_view(solution, values, scale, faces, direction)
+        faces, edges = ("outer",) if tube else None, 0.35 if meets else 0.0
+        view = _view(solution, values, scale, direction, faces=faces, edges=edges)
         columns.append([Panel(words, view, scale=scale, note=extreme(answer, stress)[1])])
-    moved = _SHELL if tube else all_faces(solution)
-    columns.append([moved_panel(solution, moved, direction)])
-    joints = _joint_panels(answer, direction) if solution.deformable.meets else []
+    if not tube:
+        columns.append([moved_panel(solution, direction)])
+    joints = _joint_panels(answer, direction) if meets else []
     columns += [joints] if tube else [[panel] for panel in joints]
     widest = 16.0 + 4.0 * (len(columns) - (4 if tube else 5))
-    gallery(columns, answer.title, path, height=7.5 if tube else 5.5, widest=max(16.0, widest))
+    return gallery(columns, answer.title, height=7.5 if tube else 5.5, widest=max(16.0, widest))
 
 
-def moved_panel(solution: State, faces: Sequence[str], direction: Direction) -> Panel:
+def moved_panel(solution: State, direction: Direction, faces: Sequence[str] | None = None) -> Panel:
     """The deformed shape, coloured by the displacement."""
-    blocks, factor = solution.deformable.deformable_blocks.tolist(), drawing_scale(solution)
-    scale = scale_from_zero("|u| [mm]", MOTION_MAP, [_moved(solution, b) for b in blocks])
-    view = blocks_view(solution, partial(_moved, solution), scale, faces, direction, factor=factor)
+    shown, factor = solution.deformable.deformable_blocks.tolist(), drawing_scale(solution)
+    scale = scale_from_zero("|u| [mm]", MOTION_MAP, [_moved(solution, b) for b in shown])
+    values = partial(_moved, solution)
+    view = _view(solution, values, scale, direction, faces=faces, factor=factor)
     return Panel(f"deformed shape,\nscale factor {factor:g}", view, scale=scale)
 
 
@@ -198,35 +192,22 @@ def _joint_panels(answer: Answer, direction: Direction) -> list[Panel]:
 
     Of a tube those of the layer in which it is extreme.
     """
-    assembly, stress = answer.details.deformable.drawn, STRESSES[0]
-    tube = is_round(assembly)
-    scale = stress_scale(answer.details, stress)
-    blocks, where = answer.details.deformable.deformable_blocks, "in the joints"
+    solution, stress = answer.details, STRESSES[0]
+    assembly, shown = solution.deformable.drawn, solution.deformable.deformable_blocks
+    scale, where, tube = stress_scale(solution, stress), "in the joints", is_round(assembly)
     if tube:
         layer = answer[stress.measure].place["layer"]  # type: ignore[index]
-        blocks, where = blocks[assembly.layer[blocks] == layer], f"in the joints of layer {layer}"
+        shown, where = shown[assembly.layer[shown] == layer], f"in the joints\nof layer {layer}"
         direction = steep(direction, 1.0)
     names = tuple(dict.fromkeys(f for s in assembly.shapes for f in s.contact_faces))
-    values, shown = partial(_stress, answer.details, stress), blocks.tolist()
-    nodes = answer.details.deformable.positions
     # Two faces lie on each other in a joint: the eye sees the one that looks at it.
-    parts: list[Part] = [
-        surfaces(
-            assembly,
-            shown,
-            lambda block: scale.of(values(block)),
-            nodes=nodes,
-            faces=names,
-            lit=False,
-            two_sided=False,
-        ),
-        outlines(assembly, shown, nodes=nodes, opacity=0.5),
-    ]
+    options = {"only": shown.tolist(), "faces": names, "two_sided": False, "edges": 0.5}
+    parts = moved_blocks(solution, partial(_stress, solution, stress), scale, **options)
     top, bottom = above_and_below(parts, direction, title=f"{stress.symbol} {where}", scale=scale)
     return [replace(top, scale=None), bottom] if tube else [top, bottom]
 
 
-def draw_displacement(answer: Answer, path: Path) -> None:
+def draw_displacement(answer: Answer) -> Figure:
     """Draw the displacement of a tube and its radial part, from the side where it is largest."""
     solution, faces = answer.details, (*_SHELL, "top", "bottom")
     assembly = solution.deformable.drawn
@@ -240,14 +221,14 @@ def draw_displacement(answer: Answer, path: Path) -> None:
         return np.einsum("ij,ij->i", solution.displacement_of(block), arms) / sizes
 
     every = [outward(block) for block in solution.deformable.deformable_blocks.tolist()]
-    scale = symmetric_scale("outward [mm]", STRESS_MAP, every)
+    scale = symmetric_scale("outward [mm]", OUTWARD_MAP, every)
     factor = drawing_scale(solution)
-    view = blocks_view(solution, outward, scale, faces, along, factor=factor)
+    view = _view(solution, outward, scale, along, faces=faces, factor=factor)
     columns = [
-        [moved_panel(solution, faces, along)],
+        [moved_panel(solution, along, faces)],
         [Panel(f"radial displacement,\nscale factor {factor:g}", view, scale=scale)],
     ]
-    gallery(columns, f"{answer.title}: displacement", path, height=8.5)
+    return gallery(columns, f"{answer.title}: displacement", height=8.5)
 
 
 # ---------------------------------------------------------------------------------------------
@@ -310,6 +291,6 @@ def _linear(line: FloatArray, ends: FloatArray) -> FloatArray:
     return np.asarray(np.kron(weights, weights), dtype=np.float64)
 
 
-def draw_contact(answer: Answer, path: Path) -> None:
+def draw_contact(answer: Answer) -> Figure:
     """Draw the contact pressures as those of rigid blocks are drawn."""
-    draw_pressed_facets(run_facets(answer), path, title=f"{answer.title}: contact pressure")
+    return draw_pressed_facets(run_facets(answer), title=f"{answer.title}: contact pressure")

@@ -164,6 +164,7 @@ def _send(connection: Any, words: str) -> None:
 
 
 def _deformable_shown(file: Case, tell: Any) -> Shown:
+    from validation.output.pictures.gallery import png_of
     from validation.output.pictures.scales import drawing_scale
     from validation.output.pictures.tubes import draw_stresses
     from validation.solving import solve
@@ -185,19 +186,11 @@ def _deformable_shown(file: Case, tell: Any) -> Shown:
         "mesh": answer.title,
         "milliseconds": 1e3 * (time.process_time() - start),
     }
-    return Shown(views, facts, _png(partial(draw_stresses, answer)))
+    return Shown(views, facts, png_of(draw_stresses(answer)))
 
 
 # ---------------------------------------------------------------------------------------------
 # Downloads
-
-
-def _png(draw: Any) -> bytes:
-    """Picture that a function draws into a file."""
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / "picture.png"
-        draw(path)
-        return path.read_bytes()
 
 
 def download(what: str, file: Case, run: Answer | None, shown: Shown | None) -> tuple[str, bytes]:
@@ -213,7 +206,7 @@ def download(what: str, file: Case, run: Answer | None, shown: Shown | None) -> 
         return f"{file.name}.png", shown.picture
     if run is None:
         raise InputError("picture: there is no answer to draw; move a slider first")
-    return f"{file.name}.png", _png(_drawing(run))
+    return f"{file.name}.png", _drawing(run)
 
 
 def _deck(file: Case) -> bytes:
@@ -225,9 +218,11 @@ def _deck(file: Case) -> bytes:
         return path.read_bytes()
 
 
-def _drawing(run: Answer) -> Any:
+def _drawing(run: Answer) -> bytes:
     """The first picture of `tubelock mbd`."""
+    from validation.output.pictures.gallery import png_of
+
     drawings = pictures(run)
     if not drawings:
         raise InputError("picture: the load is not carried; there are no pressures to draw")
-    return next(iter(drawings.values()))
+    return png_of(next(iter(drawings.values()))())

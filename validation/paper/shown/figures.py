@@ -157,7 +157,7 @@ def draw_pressure_comparison(left: Answer, right: Answer, path: Path, *, title: 
         ]
 
     columns = [tube(left), inside(left), inside(right), tube(right)]
-    gallery(columns, title, path, height=9.0, scale=scale)
+    save_figure(gallery(columns, title, height=9.0, scale=scale), path)
 
 
 def _far_half(run: Answer) -> IntArray:

@@ -11,7 +11,13 @@ import numpy as np
 from geometry import Answer
 from validation.output.pictures.bodies import EYE
 from validation.output.pictures.canvas import Surface, View, merged
-from validation.output.pictures.gallery import Numbers, Panel, gallery, round_numbers
+from validation.output.pictures.gallery import (
+    Numbers,
+    Panel,
+    gallery,
+    round_numbers,
+    save_figure,
+)
 from validation.output.pictures.scales import (
     PRESSURE_MAP,
     STRESS_MAP,
@@ -19,7 +25,7 @@ from validation.output.pictures.scales import (
     drawing_scale,
     symmetric_scale,
 )
-from validation.output.pictures.tubes import all_faces, moved_panel
+from validation.output.pictures.tubes import moved_panel
 from validation.paper.claims.deformable import (
     BLOCKS,
     CASES,
@@ -61,7 +67,7 @@ def draw_layer_comparison(evidence: Evidence, path: Path) -> None:
             view = View([facets], (0.0, 0.0, 1.0))
             columns[2 * (number % 2) + offset].append(Panel(title, view))
     title = "Contact pressures on the top and bottom faces of layer 7, seen along the axis"
-    gallery(columns, title, path, height=16.0, scale=scale)
+    save_figure(gallery(columns, title, height=16.0, scale=scale), path)
 
 
 # ---------------------------------------------------------------------------------------------
@@ -93,7 +99,7 @@ def draw_principal(evidence: Evidence, component: int, path: Path) -> None:
         name = f"{BLOCKS[row]} {CASES[column]}"
         columns[column].append(Panel(name, view, scale=scale, numbers=numbers))
     title = f"{symbol} [MPa] on the outer surface, unrolled: red tension, blue compression"
-    gallery(columns, title, path, height=14.0)
+    save_figure(gallery(columns, title, height=14.0), path)
 
 
 def _outer_view(
@@ -129,8 +135,6 @@ def draw_displacements(evidence: Evidence, path: Path) -> None:
             f"{BLOCKS[row]} {CASES[column]}\ndeformed, "
             f"scale factor {drawing_scale(answer.details):g}"
         )
-        columns[column].append(
-            replace(moved_panel(answer.details, all_faces(answer.details), EYE), title=words)
-        )
+        columns[column].append(replace(moved_panel(answer.details, EYE), title=words))
     title = "Displacements at 0.01 MPa, static state, no initial gaps"
-    gallery(columns, title, path, height=14.5)
+    save_figure(gallery(columns, title, height=14.5), path)

@@ -17,9 +17,8 @@ from validation.errors import InputError
 from validation.output.console import plain_console, tabled
 from validation.output.pictures.assemblies import ring_panel, unrolled_panel
 from validation.output.pictures.bodies import PressedFacets, above_and_below, eye
-from validation.output.pictures.canvas import Part
-from validation.output.pictures.gallery import Panel, gallery
-from validation.output.pictures.scales import PRESSURE_MAP, STRESS_MAP, Scale, scale_from_zero
+from validation.output.pictures.gallery import Panel, gallery, save_figure
+from validation.output.pictures.scales import DIFFERENCE_MAP, PRESSURE_MAP, Scale, scale_from_zero
 from validation.study.comparison.answers import ComparedAnswers, shared_facets
 
 #: Columns of the two tables, a line each.
@@ -153,7 +152,8 @@ def _draw(compared: ComparedAnswers, path: Path) -> None:
     )
     others = [k for k in range(len(compared.names)) if k != compared.reference]
     columns, scales = draw(compared, others)
-    gallery(columns, title, path, height=2.7 * max(map(len, columns)), scale=scales)
+    figure = gallery(columns, title, height=2.7 * max(map(len, columns)), scale=scales)
+    save_figure(figure, path)
 
 
 def _pressed(compared: ComparedAnswers, rows: IntArray, pressures: FloatArray) -> PressedFacets:
@@ -183,7 +183,7 @@ def _difference(
     change = changes[other]
     reached = (float(every.min()), float(every.max()))
     label = f"difference from {compared.names[compared.reference]} [MPa]"
-    return change, Scale(label, STRESS_MAP, -reach, reach, reached, diverging=True)
+    return change, Scale(label, DIFFERENCE_MAP, -reach, reach, reached, diverging=True)
 
 
 def _tube_columns(
@@ -224,7 +224,7 @@ def _wall_columns(
     def column(name: str, values: FloatArray, scale: Scale) -> list[Panel]:
         facets = _pressed(compared, everything, values)
         blocks = range(facets.assembly.n_blocks)
-        parts: list[Part] = [facets.surface(everything, scale), facets.outlines(blocks)]
+        parts = [facets.surface(everything, scale), *facets.outlines(blocks)]
         look_at = eye(facets.assembly)
         above, below = above_and_below(parts, look_at, title=name, scale=scale)
         return [replace(above, scale=None), below]
