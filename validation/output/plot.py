@@ -9,6 +9,7 @@ import numpy as np
 from geometry.answer import UNITS, Answer
 from geometry.mesh import HEX_FACES, FloatArray, IntArray
 from validation.errors import InputError
+from validation.output.pictures.gallery import wrapped
 from validation.output.pictures.scales import MISES_MAP, MOTION_MAP, PRESSURE_MAP, STRESS_MAP
 
 if TYPE_CHECKING:
@@ -49,7 +50,7 @@ def plot(answer: Answer, field: str, *, layer: int | None = None, unrolled: bool
     if field in _PARTS:  # zero is the middle of the colours
         reach = float(np.abs(values).max()) or 1.0
         faces.set_clim(-reach, reach)
-    axes.set_title(answer.title, fontsize="medium")
+    axes.set_title(wrapped(answer.title, figure.get_figwidth() - 2.0), fontsize="medium")
     figure.colorbar(faces, ax=axes, label=f"{field} [{unit}]", shrink=1.0 if unrolled else 0.7)
     return figure
 

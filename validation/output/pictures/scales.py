@@ -187,6 +187,8 @@ def symmetric_scale(label: str, colours: str, values: Sequence[FloatArray]) -> S
     every = np.concatenate([np.zeros(1), *(v.ravel() for v in values)])
     low, high = (float(q) for q in np.quantile(every, (0.001, 0.999)))
     low, high = min(low, 0.0), max(high, 0.0)
+    # Round-off beside stresses of the other sign is none.
+    low, high = low if -low > _ZERO * high else 0.0, high if high > -_ZERO * low else 0.0
     if high == low:
         low, high = -1e-300, 1e-300
     reached = (float(every.min()), float(every.max()))

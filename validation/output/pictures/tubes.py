@@ -228,7 +228,7 @@ def draw_displacement(answer: Answer) -> Figure:
         [moved_panel(solution, along, faces)],
         [Panel(f"radial displacement,\nscale factor {factor:g}", view, scale=scale)],
     ]
-    return gallery(columns, f"{answer.title}: displacement", height=8.5)
+    return gallery(columns, f"{answer.title}; displacement", height=8.5)
 
 
 # ---------------------------------------------------------------------------------------------
@@ -293,4 +293,4 @@ def _linear(line: FloatArray, ends: FloatArray) -> FloatArray:
 
 def draw_contact(answer: Answer) -> Figure:
     """Draw the contact pressures as those of rigid blocks are drawn."""
-    return draw_pressed_facets(run_facets(answer), title=f"{answer.title}: contact pressure")
+    return draw_pressed_facets(run_facets(answer), title=f"{answer.title}; contact pressure")
