@@ -28,7 +28,6 @@ from fem.decks.read.deck import deck_of_lines
 from fem.decks.read.model import effects_of
 from fem.decks.write import deck_lines
 from fem.problem import Frames
-from fem.static.solve import static_state
 from fem.system.build import block_load_forces
 from fem.system.effects import BulkViscosity, RayleighDamping
 from geometry import Assembly
@@ -421,16 +420,6 @@ def test_explicit_deck_says_the_physics(tube) -> None:
 
 # ---------------------------------------------------------------------------------------------
 # Models of imported decks
-
-
-def test_an_imported_deck_gives_the_same_static_state(tube) -> None:
-    """Coordinates differ by rounding (1e-13), the law is stiff: 1e-6 of the displacement."""
-    deck = tube_deck(tube, flavour=Flavour.STANDARD)
-    again = deck_of_lines(text_of(deck)).problem()
-    ours = static_state(deck.problem.deformable)
-    theirs = static_state(again.deformable)
-    a, b = ours.displacements[0], theirs.displacements[0]
-    assert np.abs(a - b).max() < 1e-6 * np.abs(a).max()
 
 
 def test_an_imported_deck_gives_the_same_explicit_model() -> None:

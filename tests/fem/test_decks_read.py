@@ -34,7 +34,6 @@ from tests.support.decks import exported, solved, written_again
 from tests.support.fem_problems import loaded_nodes
 from tests.support.press_fit import MU, block, block_pressure
 from tests.verification.macneal_harder import beam_lines, solved_lines, tip_moves
-from validation import load_case
 
 pytestmark = pytest.mark.quick
 
@@ -387,25 +386,6 @@ def test_nodes_along_an_edge_are_that_edge_on_other_meshes() -> None:
     lines[lines.index(", ".join(edge))] = ", ".join(edge[:2])
     with pytest.raises(DeckError, match="edge, nodes of no whole faces or edges"):
         deck_of_lines(lines).problem()
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("flavour", ["standard", "calculix"])
-def test_an_exported_deck_has_the_answer_of_its_scene(flavour, tmp_path: Path) -> None:
-    """The same mesh: coordinates to 1e-13, CalculiX' table of the law to 7e-4 of the pressure.
-
-    A load that grows along a table in 101 points stays on a line: one stage, with friction too.
-    """
-    settings = [*COARSE, "effects.friction={coefficient=0.3, stick_stiffness=100.0}"]
-    ours = static_state(load_case("tsb1-pipe", settings).problem.deformable)
-    deck = read_deck(exported(tmp_path / "tube.inp", "tsb1-pipe", settings, flavour=flavour))
-    assert deck.problem().after is None
-    theirs = static_state(deck.problem().deformable)
-    a, b = (
-        max(float(np.linalg.norm(moved, axis=-1).max()) for moved in result.displacements)
-        for result in (ours, theirs)
-    )
-    assert a == pytest.approx(b, rel=1e-6 if flavour == "standard" else 1e-3)
 
 
 def test_a_deck_written_again_has_the_same_answer() -> None:

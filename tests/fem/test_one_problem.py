@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 
-from fem import ExponentialLaw, Frames, Material, read_deck
+from fem import ExponentialLaw, Frames, Material
 from fem.decks.deck import Flavour
 from fem.decks.laws import law_table
 from fem.decks.problem import problem_deck
@@ -19,42 +17,12 @@ from fem.system.effects import AdaptiveMassDamping, EffectError, Effects
 from fem.system.system import System
 from geometry import ColumnBox, RefusedError, box_column
 from geometry.loads import face_pressure
-from tests.support.decks import exported
 from tests.support.fem_problems import deformable_assembly
 from validation import InputError, load_case, solve
 
 COARSE = ("mesh.around=12", "mesh.radial=2", "mesh.axial=2", "assembly.layers=2")
-STATIC = (*COARSE, "fem.method=static", "effects.friction={coefficient=0.2, stick_stiffness=1e3}")
 CONCRETE = Material(density=2.4e-9, young_modulus=33_000.0, poisson_ratio=0.2)
 GRAVITY = np.array([0.0, 0.0, -9810.0])
-
-
-@pytest.mark.parametrize(
-    ("setting", "flavour"),
-    [
-        ("contact.clearance=0.01", "standard"),
-        ("contact.clearance=0.01", "general"),
-        ("effects.gravity=[0.0, 0.0, -9.81e6]", "general"),
-        ("effects.gravity=[0.0, 0.0, -9.81e6]", "standard"),
-    ],
-)
-def test_an_exported_deck_states_what_the_scene_solves(setting, flavour, tmp_path: Path) -> None:
-    """Coordinates go through decimals: 1e-13 mm, over c0 = 1e-3 mm, is 1e-10 of a pressure, and
-    the static solutions agree to their residual of 1e-8 times a gain of contact below 1e2."""
-    path = exported(tmp_path / "a.inp", "tsb1-pipe", [*STATIC, setting], flavour=flavour)
-    imported = read_deck(path).problem().deformable
-    ours = load_case("tsb1-pipe", [*STATIC, setting]).problem.deformable
-    assert imported.contact.friction == ours.contact.friction
-    answers = [static_state(problem) for problem in (ours, imported)]
-    assert answers[0].largest_displacement > 1e-3
-    a, b = (np.ravel(r.pressures) for r in answers)
-    assert np.abs(a - b).max() < 1e-6 * np.abs(a).max()
-    a, b = (
-        np.concatenate([answer.displacements[g][c] for g, c in places if g >= 0])
-        for answer, stated in zip(answers, (ours, imported), strict=True)
-        for places in [list(zip(stated.group_of, stated.copy_of, strict=True))]
-    )
-    assert np.abs(a - b).max() < 1e-6 * np.abs(a).max()
 
 
 def test_clearance_and_spacing_are_two_gaps() -> None:

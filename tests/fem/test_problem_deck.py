@@ -9,15 +9,16 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from fem import CoulombFriction, Frames, Problem, TabularLaw, concrete, read_deck, write_deck
+from fem import Problem, TabularLaw, concrete, read_deck, write_deck
 from fem.decks.keywords import DeckError, label, safe_names
 from fem.static.solve import static_state
-from geometry import Assembly, SineBlock, pipe, shaft, tube
+from geometry import Assembly, SineBlock, pipe, tube
 from geometry.block import box_block
 from geometry.loads import LoadCase, TractionLoad
 from geometry.parts.supports import HeldFace
 from tests.support.ccx import calculix_available, run_calculix
 from tests.support.decks import exported
+from tests.support.fem_problems import by_block
 from tests.support.shapes import SHAPE
 from validation import load_case
 
@@ -25,34 +26,6 @@ from validation import load_case
 @pytest.fixture(scope="module")
 def problem() -> Problem:
     return Problem(tube(SineBlock(**SHAPE), layers=1, mesh=(12, 1, 2)), pipe(0.01), concrete)
-
-
-@pytest.mark.parametrize(
-    "changes",
-    [
-        {},
-        {"friction": CoulombFriction(0.3)},
-        {"gravity": (0.0, 0.0, -9.81e5)},
-        {"frames": Frames.DEFORMABLE},
-        {"load": shaft(0.01)},
-    ],
-    ids=lambda changes: next(iter(changes), "as it is"),
-)
-def test_a_deck_states_what_the_problem_states(problem, changes, tmp_path: Path) -> None:
-    """Coordinates go through decimals: 1e-13 mm, over c0 = 1e-3 mm, is 1e-10 of a pressure, and
-    static solutions agree to their residual of 1e-8 times a gain of contact below 1e2. The slope of
-    friction while sticking is the program's own in decks, so that problem names it."""
-    stated = replace(problem, **changes)
-    path = write_deck(stated, tmp_path / "case.inp")
-    found, expected = (by_block(one.deformable) for one in (read_deck(path).problem(), stated))
-    assert np.abs(found - expected).max() < 1e-6 * np.abs(expected).max()
-
-
-def by_block(deformable) -> np.ndarray:
-    """Displacements of all nodes, block by block, (n, 3) [mm]."""
-    moved = static_state(deformable).displacements
-    places = zip(deformable.group_of.tolist(), deformable.copy_of.tolist(), strict=True)
-    return np.concatenate([moved[g][c] for g, c in places if g >= 0])
 
 
 @pytest.mark.parametrize("program", ["abaqus", "abaqus-explicit", "calculix"])
@@ -143,7 +116,7 @@ def test_supports_that_lean_have_axes_of_their_own(program, tmp_path: Path) -> N
     path = write_deck(problem, tmp_path / "case.inp", program=program)
     with pytest.raises(DeckError, match=r"\*Transform is not read"):
         read_deck(path)
-    (moved,) = by_block(problem.deformable)[None] @ turn
+    (moved,) = by_block(static_state(problem.deformable))[None] @ turn
     places = (blocks.nodes(0) - 1.0) @ turn
     assert moved[:, 0] == pytest.approx(0.01 * places[:, 0] / 20.0, abs=1e-9)
     # Free along y and z: strain 33 / E - 0.2 (0.01 / 20 E + 0.2 33) / E.

@@ -113,6 +113,13 @@ def contact_corner_forces(result: State) -> FloatArray:
     return surfaces.nodal_forces(displacement, result.pressures)
 
 
+def by_block(state: State) -> FloatArray:
+    """Displacements of all nodes, block by block, (n, 3) [mm]."""
+    system = state.deformable
+    places = zip(system.group_of.tolist(), system.copy_of.tolist(), strict=True)
+    return np.concatenate([state.displacements[g][c] for g, c in places if g >= 0])
+
+
 def matched_pressures(
     deformable: System, displacements: tuple[FloatArray, ...]
 ) -> tuple[FloatArray, FloatArray]:
