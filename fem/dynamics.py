@@ -17,14 +17,14 @@ from fem.explicit.solve import (
     Progress,
     StopCriterion,
     UnstableRun,
-    solve,
+    run_explicit,
 )
 from fem.explicit.timed import TimedSystem
 from fem.method import Explicit, require_method
 from fem.problem import Problem, ProblemError, require_problem
 from fem.state import State
 from geometry.answer import Answer
-from geometry.compilation.clocks import stages
+from geometry.compilation.clocks import timed_stages
 from geometry.machine.system import one_thread_of_blas
 from geometry.machine.work import budget, clock, require_memory
 
@@ -102,7 +102,7 @@ def solve_explicit(
             "after: explicit runs begin at rest, or with a motion; expected solve_static"
         )
     method = replace(method, damping=method.damped(moves=problem.motion is not None))
-    with stages() as watch:
+    with timed_stages() as watch:
         _ = problem.deformable
         watch.lap("build")
         output = Output(progress=progress, on_frame=on_frame, checkpoint=checkpoint)
@@ -150,7 +150,7 @@ def explicit_state(
     Raises
     ------
     UnstableRun, TimeStepError, StateError, CheckpointError
-        As `fem.explicit.solve.solve`.
+        As `fem.explicit.solve.run_explicit`.
     """
     with budget(memory=method.max_memory) as spent:
         ends, stated, restarts = clock(method.max_seconds), stated_run(problem, method), 0
@@ -169,7 +169,7 @@ def explicit_state(
             output = replace(output, on_frame=None)
         while True:
             try:
-                result = solve(
+                result = run_explicit(
                     stated,
                     end_time=stated.end_time,
                     time_step=method.time_step,

@@ -18,7 +18,7 @@ from geometry.mesh import FloatArray
 from geometry.parts.pairs import OfPairs
 from geometry.parts.placed import AnyBlocks, PlacedBlocks
 from geometry.parts.rows import Notes, Part, Row
-from mbd.contacts.jacobian import Contacts, contact_jacobian
+from mbd.contacts.jacobian import RigidContacts, contact_jacobian
 from mbd.frictionless.equilibrium import Equilibrium, column_weights, equilibrium
 from mbd.frictionless.mechanism import (
     MANY_BLOCKS,
@@ -44,7 +44,7 @@ _CONE_BYTES = 7600.0
 BESIDE = "friction and limits"
 
 
-class Coulomb(Protocol):
+class JointFriction(Protocol):
     """Friction of all joints, such as `fem.CoulombFriction`."""
 
     @property
@@ -72,7 +72,7 @@ class RigidStatement(Protocol):
         """Weight of each block about its mass centroid, (n_blocks, 6) [N, N mm]; None: none."""
 
     @property
-    def coulomb(self) -> Coulomb | None:
+    def coulomb(self) -> JointFriction | None:
         """Friction; None: frictionless."""
 
     @property
@@ -91,7 +91,7 @@ class Stated:
     rigid_blocks: AnyBlocks
     rigid_load: LoadCase
     rigid_weight: FloatArray | None = None
-    coulomb: Coulomb | None = None
+    coulomb: JointFriction | None = None
     interference: float = 0.0
     compressive_strength: float | None = None
 
@@ -207,7 +207,7 @@ def _result(stated: RigidStatement, method: Rigid, tell: Callable[[str], None]) 
     return replace(result, parts=parts, cpu_seconds=seconds)
 
 
-def rubbing(coulomb: Coulomb | None) -> Coulomb | None:
+def rubbing(coulomb: JointFriction | None) -> JointFriction | None:
     """Friction of a statement; none where all its coefficients are zero."""
     if coulomb is None or coulomb.coefficient or any(pair[2] for pair in coulomb.of_pairs):
         return coulomb
@@ -266,7 +266,7 @@ def _factor(result: RigidResult) -> float:
     return cast("CollapseLoad", result.parts["collapse"]).factor
 
 
-def _push(faces: AnyBlocks, load: LoadCase, coulomb: Coulomb | None) -> Push:
+def _push(faces: AnyBlocks, load: LoadCase, coulomb: JointFriction | None) -> Push:
     """Limit of the support that pushes a block."""
     from mbd.limits.pushes import Push, push_limit
 
@@ -278,7 +278,11 @@ def _push(faces: AnyBlocks, load: LoadCase, coulomb: Coulomb | None) -> Push:
 
 
 def _settled(
-    found: Equilibrium, blocks: AnyBlocks, contacts: Contacts, load: FloatArray, weights: FloatArray
+    found: Equilibrium,
+    blocks: AnyBlocks,
+    contacts: RigidContacts,
+    load: FloatArray,
+    weights: FloatArray,
 ) -> Equilibrium:
     """Decide by a growing load where neither forces nor a mechanism are proved."""
     from mbd.friction.equilibrium import frictional_contacts, without_shear

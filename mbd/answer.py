@@ -44,7 +44,7 @@ if TYPE_CHECKING:
     from geometry.parts.rows import Part
     from geometry.polyhedra.assembly import PolyhedralAssembly
     from mbd.building.stages import StageResults
-    from mbd.results.motion import Motion
+    from mbd.results.motion import DrivenMotion
 
 #: Forces of joints below this part of the largest are zero to round-off.
 _ROUND_OFF = 1e-9
@@ -171,7 +171,7 @@ def _answer(stated: RigidStatement, result: RigidResult) -> Answer:
         fields["mechanism"] = lambda: _node_motion(
             assembly, motion, arrays["points"], arrays["block_of_point"]
         )
-    moves = cast("Motion | None", result.parts.get("motion"))
+    moves = cast("DrivenMotion | None", result.parts.get("motion"))
     first = f"; {moves.first}" if moves else ""
     contacts = Contacts(Lazy(_contacts(result) if result.holds else {}))
     return Answer(

@@ -29,8 +29,8 @@ from geometry.parts.pairs import pair_values
 from geometry.parts.placed import AnyBlocks
 from geometry.polyhedra.assembly import as_polyhedral
 from geometry.polyhedra.options import DetectionOptions
-from mbd.analysis import Coulomb, RigidStatement
-from mbd.contacts.jacobian import Contacts, contact_jacobian
+from mbd.analysis import JointFriction, RigidStatement
+from mbd.contacts.jacobian import RigidContacts, contact_jacobian
 from mbd.friction.equilibrium import (
     MOST_FRICTION,
     FrictionalContacts,
@@ -51,7 +51,7 @@ _MOST_POINTS = 20_000
 _HELD = 1e-9
 
 
-class Statement(RigidStatement, Protocol):
+class HexahedralStatement(RigidStatement, Protocol):
     """A statement of a problem on hexahedra, such as `fem.Problem`."""
 
     @property
@@ -116,10 +116,10 @@ class _Bearing:
     """Rigid blocks in contact at the corners of the areas by which deformable ones press."""
 
     blocks: AnyBlocks
-    contacts: Contacts
+    contacts: RigidContacts
     force: FloatArray
     """Loads and weight, (n_rows,) [N]."""
-    friction: Coulomb | None
+    friction: JointFriction | None
 
     @cached_property
     def frictional(self) -> FrictionalContacts:
@@ -160,14 +160,14 @@ class _Bearing:
         return f"{words}: {result.reason()}; the load does not press them"
 
 
-def _bearing(problem: Statement, blocks: AnyBlocks) -> _Bearing:
+def _bearing(problem: HexahedralStatement, blocks: AnyBlocks) -> _Bearing:
     """Blocks on some contacts, under the loads of a problem."""
     load = problem.load_case.with_wrenches(problem.rigid_weight)
     contacts = contact_jacobian(blocks, load.fixed, load.held)
     return _Bearing(blocks, contacts, contacts.rows(load.wrenches), problem.coulomb)
 
 
-def _at_corners(problem: Statement, natural: float = 1.0) -> _Bearing | None:
+def _at_corners(problem: HexahedralStatement, natural: float = 1.0) -> _Bearing | None:
     """Contact at the corners of facets, or nearer to their middle by a natural coordinate.
 
     None where facets do not match, for supports that move and springs, and for many points.
@@ -184,7 +184,7 @@ def _at_corners(problem: Statement, natural: float = 1.0) -> _Bearing | None:
     return _bearing(problem, points)
 
 
-def _on_faces(problem: Statement, detection: DetectionOptions) -> _Bearing | None:
+def _on_faces(problem: HexahedralStatement, detection: DetectionOptions) -> _Bearing | None:
     """Contact over the areas that solids share.
 
     None for curved faces, many contacts, supports that move, springs, and supports by name, which
@@ -216,7 +216,7 @@ def _faces_words(faces: _Bearing) -> str | None:
     return f"the load activates a mechanism of the faces ({words}; edges and corners carry no load)"
 
 
-def require_held(problem: Statement, solids: DetectionOptions | None = None) -> None:
+def require_held(problem: HexahedralStatement, solids: DetectionOptions | None = None) -> None:
     """Reject a problem that certainly has no static state.
 
     Parameters
@@ -254,7 +254,7 @@ def require_held(problem: Statement, solids: DetectionOptions | None = None) -> 
         )
 
 
-def why_unheld(problem: Statement, solids: DetectionOptions | None = None) -> str | None:
+def why_unheld(problem: HexahedralStatement, solids: DetectionOptions | None = None) -> str | None:
     """Say what lets blocks move where a static run found no equilibrium; None: nothing known.
 
     Parameters are those of `require_held`.

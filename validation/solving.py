@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
 from fem.method import Static
-from geometry.compilation.clocks import stages
+from geometry.compilation.clocks import timed_stages
 from geometry.errors import RefusedError
 from geometry.parts.dimensions import Limits
 from mbd.options import Rigid
@@ -60,7 +60,7 @@ def solve(
     """
     show, method = progress or (lambda _: None), case.method
     show("builds the blocks and finds where they touch")
-    with stages() as watch:
+    with timed_stages() as watch:
         problem = case.check()
         watch.lap("build")
     built = watch.seconds()

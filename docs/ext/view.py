@@ -32,7 +32,7 @@ def _coloured(mesh: Any) -> Any:
     """Surface with the colours of its pressures as data: no lookup in the browser."""
     import numpy as np
 
-    from validation.output.pictures.canvas import Surface
+    from validation.output.pictures.canvas import Polygons
     from validation.output.pictures.gallery import PRESSURE_MAP, Scale
 
     name = next(key for key in mesh.cell_data if "pressure" in key)
@@ -44,4 +44,4 @@ def _coloured(mesh: Any) -> Any:
         surface.regular_faces if surface.is_all_triangles else surface.faces.reshape(-1, 5)[:, 1:]
     )
     shades = scale.of(values[surface.cell_data["vtkOriginalCellIds"]])
-    return Surface(np.asarray(surface.points, dtype=float), np.asarray(cells), shades, lit=False)
+    return Polygons(np.asarray(surface.points, dtype=float), np.asarray(cells), shades, lit=False)

@@ -36,7 +36,7 @@ from fem.static.solve import StaticOptions, static_state
 from fem.system.sector import require_sector
 from geometry.answer import Answer, Measure
 from geometry.assembly import Assembly
-from geometry.compilation.clocks import Stages, stages
+from geometry.compilation.clocks import Stopwatch, timed_stages
 from geometry.errors import RefusedError
 from geometry.machine.system import one_thread_of_blas
 from geometry.machine.work import LIMITS, Budget, budget, clock, unlimited
@@ -111,7 +111,7 @@ def solve_static(
     problem = _of_usual_degree(problem, require_problem(problem))
     problem.require_static()
     problem.require_action()
-    with stages() as watch:
+    with timed_stages() as watch:
         finer = refines(problem, method)
         if method.symmetry == "sector":
             require_sector(problem.deformable)
@@ -153,7 +153,7 @@ def _of_degree(problem: Problem, degree: int) -> Problem:
 class _Follower:
     """Who is told what a run is at."""
 
-    watch: Stages
+    watch: Stopwatch
     tell: Callable[[MeshProgress | str], None]
     on_frame: Callable[[Frame], None] | None
 

@@ -366,7 +366,7 @@ class StopCriterion:
     run adapts its mass damping: in a soft assembly small forces still move much."""
 
 
-def solve(
+def run_explicit(
     stated: TimedSystem,
     *,
     end_time: float,

@@ -19,7 +19,7 @@ class StateError(RefusedError):
 
 
 @dataclass
-class Work:
+class ForceWork:
     """Work of a force, summed step by step with the mean of the two half-step velocities."""
 
     total: float = 0.0
@@ -61,7 +61,7 @@ class ElasticForceBefore:
     """K u of the last step, (n_rows, 3, lanes) [N]."""
     work: FloatArray
     """See `fem.explicit.kernels.motion.update`, (n_chunks, 2, lanes), per unit of time step."""
-    support_loss: Work
+    support_loss: ForceWork
     """Correction of the dissipation at supported nodes."""
 
 
@@ -121,11 +121,11 @@ class BodyState:
     """With mass-proportional damping, (n_chunks, 2, lanes): see `update`."""
     remembered: FloatArray | None
     """With adaptive damping: displacement and restoring force, (2, n_rows, 3, lanes)."""
-    external_work: Work = field(default_factory=Work)
+    external_work: ForceWork = field(default_factory=ForceWork)
     """Of the loads."""
-    support_work: Work = field(default_factory=Work)
+    support_work: ForceWork = field(default_factory=ForceWork)
     """Of moving supports."""
-    support_loss: Work = field(default_factory=Work)
+    support_loss: ForceWork = field(default_factory=ForceWork)
     """Correction of the mass-damping dissipation at supported nodes."""
 
     @property
@@ -218,7 +218,7 @@ def _elastic_force_before(body: LaneBody) -> ElasticForceBefore:
     return ElasticForceBefore(
         force=aligned_zeros((body.n_rows, 3, body.lanes)),
         work=np.zeros((n_chunks, 2, body.lanes)),
-        support_loss=Work(),
+        support_loss=ForceWork(),
     )
 
 

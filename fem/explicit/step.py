@@ -4,7 +4,7 @@
     v_{n+½} = v_{n-½} + Δt a_n
     u_{n+1} = u_n + Δt v_{n+½}
 
-`step` is that, term by term; `fem.explicit.solve.solve` is the run around it.
+`step` is that, term by term; `fem.explicit.solve.run_explicit` is the run around it.
 """
 
 from __future__ import annotations

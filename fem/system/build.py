@@ -34,7 +34,7 @@ from fem.system.forces import (
     traction_forces,
     wrench_forces,
 )
-from fem.system.held import Held, held_at, joined
+from fem.system.held import Held, held_at, joined_rows
 from fem.system.springs import Springs, springs_on
 from geometry.assembly import Assembly
 from geometry.errors import RefusedError
@@ -367,7 +367,7 @@ def held_rows(assembly: Assembly, faces: tuple[HeldFace, ...], first: IntArray) 
         nodes = first[block] + nodes_of[key]
         directions = np.tile(turn, (len(nodes), 1))
         wholly.append(held_at(np.repeat(nodes, 3), directions, name=mine[0].title))
-    return joined((*wholly, *single))
+    return joined_rows((*wholly, *single))
 
 
 def _supports_of(assembly: Assembly, block: int, faces: list[HeldFace], first: int) -> list[Held]:

@@ -206,7 +206,7 @@ def held_at(
     return Held(nodes, directions, value, np.zeros_like(nodes), (amplitude,), names=(name,))
 
 
-def joined(parts: Sequence[Held]) -> Held:
+def joined_rows(parts: Sequence[Held]) -> Held:
     """Rows of several supports; tables and names that are the same come once."""
     none = np.zeros(0, np.int64)
     parts = [Held(none, np.zeros((0, 3)), np.zeros(0), none, names=()), *parts]
@@ -232,5 +232,5 @@ def _key(table: Amplitude) -> tuple[bool, Amplitude]:
     return table is ALL_THE_WAY, table
 
 
-NOT_HELD = joined(())
+NOT_HELD = joined_rows(())
 """Without supports."""

@@ -53,7 +53,7 @@ def compiling(tell: Callable[[], None] | None = None) -> Iterator[Compiling]:
         CLOCKS.remove(clock)
 
 
-class Stages:
+class Stopwatch:
     """A stopwatch that stands still while functions are compiled."""
 
     def __init__(self, compiled: Compiling) -> None:
@@ -79,10 +79,10 @@ class Stages:
 
 
 @contextmanager
-def stages() -> Iterator[Stages]:
+def timed_stages() -> Iterator[Stopwatch]:
     """Time the stages of what runs inside."""
     with compiling() as compiled:
-        yield Stages(compiled)
+        yield Stopwatch(compiled)
 
 
 def summed(spent: dict[str, float], before: dict[str, float]) -> dict[str, float]:

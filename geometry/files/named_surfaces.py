@@ -54,7 +54,7 @@ def by_corners(faces: Iterator[list[int]]) -> tuple[IntArray, ...]:
     return tuple(np.array(group, dtype=np.int64) for group in groups.values())
 
 
-def moved(surface: NamedSurface, matrix: FloatArray) -> NamedSurface:
+def moved_surface(surface: NamedSurface, matrix: FloatArray) -> NamedSurface:
     """The same surface, moved by a matrix (4, 4)."""
     return replace(surface, points=surface.points @ matrix[:3, :3].T + matrix[:3, 3])
 

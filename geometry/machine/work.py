@@ -279,7 +279,7 @@ def stop(by: str) -> str:
     return f"{LIMITS[by]}, {limit:g} s on the reference machine" if by == "work" else LIMITS[by]
 
 
-def hold(size: float) -> None:
+def hold_memory(size: float) -> None:
     """Say how many bytes the matrices of one computation take."""
     for own in _chain():
         own.bytes = max(own.bytes, size)

@@ -12,7 +12,7 @@ from scipy.sparse.csgraph import dijkstra
 from geometry.block import Block
 from geometry.mesh import BoolArray, FloatArray, IntArray
 from geometry.parts.placed import AssemblyError, PlacedBlocks
-from geometry.polyhedra.facet_contact import ContactPoints, find_contacts
+from geometry.polyhedra.facet_contact import PatchContacts, find_contacts
 from geometry.polyhedra.options import DetectionOptions
 from geometry.polyhedra.placed_shapes import PlacedShapes
 from geometry.polyhedra.polyhedron import Polyhedron, polyhedron_from_block
@@ -44,7 +44,7 @@ class PolyhedralAssembly(PlacedBlocks[Polyhedron]):
         return _RELATIVE_TOLERANCE * self.characteristic_length
 
     @cached_property
-    def interfaces(self) -> ContactPoints:
+    def interfaces(self) -> PatchContacts:
         """Contacts between blocks, found once."""
         return self.contacts_within(self.tolerance)
 
@@ -52,7 +52,7 @@ class PolyhedralAssembly(PlacedBlocks[Polyhedron]):
         """Triangles where they stand, for searches within a tolerance [mm]."""
         return PlacedShapes(self, tolerance)
 
-    def contacts_within(self, tolerance: float) -> ContactPoints:
+    def contacts_within(self, tolerance: float) -> PatchContacts:
         """Contacts found with another tolerance [mm]."""
         found = self.detection
         return find_contacts(self.placed(tolerance), angle=found.angle, placement=found.points)
@@ -120,10 +120,10 @@ class PolyhedralAssembly(PlacedBlocks[Polyhedron]):
 class _WithSomeContacts(PolyhedralAssembly):
     """Blocks that touch at some of the places found."""
 
-    found: ContactPoints
+    found: PatchContacts
 
     @cached_property
-    def interfaces(self) -> ContactPoints:
+    def interfaces(self) -> PatchContacts:
         return self.found
 
 

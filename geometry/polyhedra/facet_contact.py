@@ -126,7 +126,7 @@ class ContactPatches:
 
 
 @dataclass(frozen=True)
-class ContactPoints:
+class PatchContacts:
     """Contacts of blocks without matching facets, sorted by block pair (m, s), m < s."""
 
     block_m: IntArray
@@ -211,7 +211,7 @@ class ContactPoints:
         result[result] = self.patches.wide[self.patch[result]]
         return result
 
-    def some(self, kept: BoolArray) -> ContactPoints:
+    def some(self, kept: BoolArray) -> PatchContacts:
         """Some of the contacts, (n_contacts,), alone."""
         block_m, block_s = self.block_m[kept], self.block_s[kept]
         return replace(
@@ -359,7 +359,7 @@ def _in_patches(world: PlacedShapes, pairs: IntArray, areas: FloatArray) -> Bool
 
 def find_contacts(
     world: PlacedShapes, *, angle: float | None, placement: ContactPlacement
-) -> ContactPoints:
+) -> PatchContacts:
     """Find where blocks touch: their tolerance is the largest gap or overlap of touching facets.
 
     Angle and placement are those of `geometry.polyhedra.options.DetectionOptions`.
@@ -437,8 +437,8 @@ def _widths(polygons: ContactPolygons, faces: IntArray) -> FloatArray:
 
 
 def _on_exact_faces(
-    world: PlacedShapes, contacts: ContactPoints, m: IntArray, s: IntArray
-) -> ContactPoints:
+    world: PlacedShapes, contacts: PatchContacts, m: IntArray, s: IntArray
+) -> PatchContacts:
     """Contacts where curved faces of CAD models are, with the normals of these.
 
     ``m`` and ``s`` are triangles of the two planes of each patch, (n_patches,). The facets of a
@@ -455,8 +455,8 @@ def _on_exact_faces(
 
 
 def _with_points(
-    contacts: ContactPoints, extra: PointContacts, kind: int, tolerance: float
-) -> ContactPoints:
+    contacts: PatchContacts, extra: PointContacts, kind: int, tolerance: float
+) -> PatchContacts:
     """Add contacts without area of one kind, but for those that say what is said already."""
     n_known = contacts.n_contacts
     block_m = np.concatenate([contacts.block_m, extra.block_m])
@@ -481,7 +481,7 @@ def _with_points(
     nominal = _POINT_AREA * (contacts.areas.mean() if contacts.n_contacts else 1.0)
     block_m, block_s = block_m[kept], block_s[kept]
     order = np.lexsort((block_s, block_m))
-    return ContactPoints(
+    return PatchContacts(
         block_m=block_m[order],
         block_s=block_s[order],
         centroids=points[kept][order],
@@ -503,10 +503,10 @@ def _on_patches(
     points: FloatArray,
     normals: FloatArray,
     areas: FloatArray,
-) -> ContactPoints:
+) -> PatchContacts:
     """Contacts on areas, from the patch (n,) and place (n, 3) of each."""
     block_m, block_s = patches.block_m[patch], patches.block_s[patch]
-    return ContactPoints(
+    return PatchContacts(
         block_m=block_m,
         block_s=block_s,
         centroids=points,
@@ -522,7 +522,7 @@ def _on_patches(
 
 def _at_vertices(
     patches: ContactPatches, polygons: ContactPolygons, places: FloatArray | None = None
-) -> ContactPoints:
+) -> PatchContacts:
     """Points at the corners of each patch's convex hull.
 
     ``places`` are where exact faces touch for each corner of the polygons, (n_corners, 3): several

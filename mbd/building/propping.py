@@ -17,7 +17,7 @@ import scipy.sparse as sp
 from geometry.mesh import BoolArray, FloatArray, IntArray
 from geometry.parts.placed import AnyBlocks
 from mbd.building.sweeps import Sweeps
-from mbd.contacts.jacobian import Contacts
+from mbd.contacts.jacobian import RigidContacts
 from mbd.friction.equilibrium import admissible_cones
 from mbd.options import Along
 from mbd.programs import Work, least_conic
@@ -105,7 +105,7 @@ def _covered(blocks: AnyBlocks, sweeps: Sweeps) -> dict[int, FloatArray]:
     return result
 
 
-def _columns(contacts: Contacts, owner: IntArray, wrenches: FloatArray) -> sp.csc_array:
+def _columns(contacts: RigidContacts, owner: IntArray, wrenches: FloatArray) -> sp.csc_array:
     """Wrenches (n, 6) of unit props in the rows of the free blocks, (n_rows, n)."""
     number_of = np.full(int(contacts.free_blocks.max()) + 1, -1)
     number_of[contacts.free_blocks] = np.arange(len(contacts.free_blocks))

@@ -45,7 +45,7 @@ from mbd.results.parts import Question
 
 if TYPE_CHECKING:
     from geometry.answer import Answer
-    from mbd.results.motion import Motion
+    from mbd.results.motion import DrivenMotion
 
 #: Reference seconds of all stages but the last for whether joints are pressed beforehand.
 _SQUEEZES = 15.0
@@ -109,9 +109,9 @@ class Stage:
         return self.answer.contacts
 
     @property
-    def moves(self) -> Motion | None:
+    def moves(self) -> DrivenMotion | None:
         """Blocks that move most without props; None where none does."""
-        return cast("Motion | None", self.answer.parts.get("motion"))
+        return cast("DrivenMotion | None", self.answer.parts.get("motion"))
 
     @property
     def propping(self) -> float:

@@ -408,7 +408,7 @@ class ContactJacobian(ReadOnlyArrays):
 
 
 @dataclass(frozen=True)
-class Contacts(ReadOnlyArrays):
+class RigidContacts(ReadOnlyArrays):
     """The contacts that touch at least one free block, and what belongs to them."""
 
     jacobian: ContactJacobian
@@ -510,7 +510,7 @@ def _congruent(pairs: _Pairs, interfaces: Interfaces) -> tuple[CongruentWrenches
 
 def contact_jacobian(
     assembly: AnyBlocks, fixed: BoolArray | None = None, supports: tuple[HeldFace, ...] = ()
-) -> Contacts:
+) -> RigidContacts:
     """Assemble G for the contacts of an assembly (eq. gap-variation).
 
     Blocks that are held, by default the frame, have no rows; contacts between two of them are left
@@ -528,11 +528,13 @@ def contact_jacobian(
     key = "contact Jacobian", held.tobytes()
     if key not in assembly.kept:
         assembly.kept[key] = _contacts(assembly, held, ())
-    result: Contacts = assembly.kept[key]
+    result: RigidContacts = assembly.kept[key]
     return result
 
 
-def _contacts(assembly: AnyBlocks, held: BoolArray, supports: tuple[HeldFace, ...]) -> Contacts:
+def _contacts(
+    assembly: AnyBlocks, held: BoolArray, supports: tuple[HeldFace, ...]
+) -> RigidContacts:
     """Assemble G of blocks, some of which are held as a whole, (n_blocks,)."""
     interfaces = assembly.interfaces
     index = np.flatnonzero(~(held[interfaces.block_m] & held[interfaces.block_s]))
@@ -568,7 +570,7 @@ def _contacts(assembly: AnyBlocks, held: BoolArray, supports: tuple[HeldFace, ..
         n_free=len(free),
         motions=motions,
     )
-    return Contacts(
+    return RigidContacts(
         jacobian=jacobian,
         index=index,
         block_m=block_m,

@@ -26,7 +26,7 @@ from geometry.errors import RefusedError
 from geometry.mesh import FloatArray, IntArray
 from geometry.parts.placed import AnyBlocks
 from geometry.parts.rows import Row, finite
-from mbd.contacts.jacobian import Contacts
+from mbd.contacts.jacobian import RigidContacts
 from mbd.contacts.supports import admissible
 from mbd.frictionless.equilibrium import EQUILIBRIUM_TOLERANCE, Equilibrium
 from mbd.options import FrictionLaw
@@ -50,7 +50,7 @@ def by_block(motion: FloatArray | None) -> list[list[float]] | None:
     return None if motion is None else motion.reshape(-1, 6).tolist()
 
 
-class FrictionError(RefusedError):
+class RigidFrictionError(RefusedError):
     """A friction coefficient that means nothing."""
 
 
@@ -150,7 +150,7 @@ class FrictionalContacts:
 
 def frictional_contacts(
     assembly: AnyBlocks,
-    contacts: Contacts,
+    contacts: RigidContacts,
     friction: float | FloatArray,
     law: FrictionLaw = FrictionLaw.CONE,
 ) -> FrictionalContacts:
@@ -161,10 +161,10 @@ def frictional_contacts(
     every = np.atleast_1d(friction)
     wrong = every[~(np.isfinite(every) & (every >= 0.0))]
     if wrong.size:
-        raise FrictionError(f"friction: got {wrong[0]}, expected 0 or a positive number")
+        raise RigidFrictionError(f"friction: got {wrong[0]}, expected 0 or a positive number")
     most = float(every.max(initial=0.0))
     if most > MOST_FRICTION:
-        raise FrictionError(
+        raise RigidFrictionError(
             f"friction: got {most:g}, expected a coefficient up to {MOST_FRICTION:g}; an "
             "angle of friction φ is given as its tangent: 30° is 0.577"
         )
@@ -184,7 +184,7 @@ def frictional_contacts(
     return FrictionalContacts(matrix, tangents, mu, law, motions)
 
 
-def _wrenches(assembly: AnyBlocks, contacts: Contacts, directions: FloatArray) -> sp.csc_array:
+def _wrenches(assembly: AnyBlocks, contacts: RigidContacts, directions: FloatArray) -> sp.csc_array:
     """Wrenches (F, M/ℓ) of unit forces along directions (n, 3, 3) on s, and opposite ones on m."""
     free, places = contacts.free_blocks, np.arange(directions[..., 0].size).reshape(-1, 3)
     number = np.full(assembly.n_blocks, -1, dtype=np.int64)
@@ -447,7 +447,7 @@ class CollapseLoad:
 def collapse_load(contacts: FrictionalContacts, dead: FloatArray, live: FloatArray) -> CollapseLoad:
     """Limit analysis: the largest α such that dead + α live, (n_rows,) each [N], can be carried."""
     if float(np.linalg.norm(live)) == 0.0:
-        raise FrictionError("limit load: the live load is zero; expected one that can grow")
+        raise RigidFrictionError("limit load: the live load is zero; expected one that can grow")
     base = frictional_equilibrium(contacts, dead)
     if not base.holds:
         verdict = "not decided" if base.mechanism is None else "not carried"

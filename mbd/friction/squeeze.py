@@ -21,7 +21,7 @@ import numpy as np
 
 from geometry.mesh import BoolArray, FloatArray
 from geometry.parts.measures import first_largest
-from mbd.contacts.jacobian import Contacts
+from mbd.contacts.jacobian import RigidContacts
 from mbd.friction.equilibrium import FrictionalContacts, least_forces
 from mbd.friction.loading import MOST_SECONDS, load_by_increments
 from mbd.frictionless.equilibrium import EQUILIBRIUM_TOLERANCE
@@ -59,7 +59,7 @@ class Squeeze:
 
 
 def squeeze(
-    contacts: Contacts,
+    contacts: RigidContacts,
     frictional: FrictionalContacts,
     load: FloatArray,
     forces: FloatArray,
@@ -112,7 +112,7 @@ def _balanced(frictional: FrictionalContacts, unit: FloatArray, solution: Any) -
 
 
 def _most_missing(
-    contacts: Contacts,
+    contacts: RigidContacts,
     frictional: FrictionalContacts,
     load: FloatArray,
     missing: FloatArray,

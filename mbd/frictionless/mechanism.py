@@ -231,9 +231,11 @@ def classify(
         opposed = None if known is None else single_motion(jacobian, -load)
         if known is not None and opposed is not None:
             decided = known.holds or known.mechanism is not None
-            driven = known if decided else judged(jacobian, load)
+            driven = known if decided else decided_equilibrium(jacobian, load)
             return classify_opposed(jacobian, load, opposed, driven)
-        stress = jacobian.once("self-stress", lambda: judged(jacobian, jacobian.resultant(ones)))
+        stress = jacobian.once(
+            "self-stress", lambda: decided_equilibrium(jacobian, jacobian.resultant(ones))
+        )
         if not stress.holds and stress.mechanism is None:
             return Classification(MechanismClass.UNDECIDED, None)
         ratio, vector = jacobian.once(
@@ -274,7 +276,7 @@ def single_motion(jacobian: ContactJacobian, load: FloatArray) -> FloatArray | N
     return None
 
 
-def judged(
+def decided_equilibrium(
     jacobian: ContactJacobian,
     load: FloatArray,
     *,
@@ -297,12 +299,12 @@ def judged(
 def _classify_unlocked(
     jacobian: ContactJacobian, load: FloatArray, admissible: FloatArray
 ) -> Classification:
-    driven = judged(jacobian, load)
+    driven = decided_equilibrium(jacobian, load)
     if driven.mechanism is not None:
         return Classification(
             MechanismClass.ACTIVATED, as_mechanism(jacobian, driven.mechanism, load)
         )
-    opposed = judged(jacobian, -load)
+    opposed = decided_equilibrium(jacobian, -load)
     if not (driven.holds and (opposed.holds or opposed.mechanism is not None)):
         return Classification(MechanismClass.UNDECIDED, as_mechanism(jacobian, admissible, load))
     if opposed.mechanism is not None:

@@ -31,8 +31,8 @@ import scipy.sparse as sp
 from geometry.mesh import BoolArray, FloatArray, IntArray
 from geometry.parts.placed import AnyBlocks
 from geometry.parts.rows import Row, finite
-from mbd.contacts.jacobian import Contacts
-from mbd.friction.equilibrium import FrictionalContacts, FrictionError
+from mbd.contacts.jacobian import RigidContacts
+from mbd.friction.equilibrium import FrictionalContacts, RigidFrictionError
 from mbd.frictionless.equilibrium import newton_equilibrium
 from mbd.programs import DETERMINED, LinearPrograms, Work
 
@@ -63,12 +63,12 @@ class PlaneProblem:
         """Rows in the plane of a generalized force in space."""
         outside = np.delete(load, self.rows)
         if np.abs(outside).max(initial=0.0) > _FLAT * np.abs(load).max(initial=0.0):
-            raise FrictionError("plane problem: the load acts out of the plane")
+            raise RigidFrictionError("plane problem: the load acts out of the plane")
         return load[self.rows]
 
 
 def plane_problem(
-    assembly: AnyBlocks, contacts: Contacts, frictional: FrictionalContacts, axis: int
+    assembly: AnyBlocks, contacts: RigidContacts, frictional: FrictionalContacts, axis: int
 ) -> PlaneProblem:
     """Reduce to the plane normal to a coordinate axis.
 
@@ -87,7 +87,7 @@ def plane_problem(
     flat = np.ptp(height[front]) <= _FLAT * size and np.ptp(height[~front]) <= _FLAT * size
     paired = 2 * int(front.sum()) == len(front)
     if not (flat and paired and np.abs(normals[:, axis]).max() <= _FLAT):
-        raise FrictionError(
+        raise RigidFrictionError(
             "plane problem: expected contacts on two flat faces, one behind the other, with "
             "normals in the plane"
         )
@@ -101,7 +101,9 @@ def plane_problem(
     if motions is not None:
         out = np.delete(np.arange(6), keep)
         if np.abs(motions[:, keep][:, :, out]).max() > _FLAT:
-            raise FrictionError("plane problem: a support couples motions in the plane with others")
+            raise RigidFrictionError(
+                "plane problem: a support couples motions in the plane with others"
+            )
         motions = motions[:, keep][:, :, keep]
     tangents = frictional.tangents[kept]
     reduced = replace(
@@ -197,7 +199,7 @@ class ForceRanges:
 
 
 def force_ranges(
-    contacts: Contacts,
+    contacts: RigidContacts,
     load: FloatArray,
     shown: FloatArray,
     *,
@@ -268,7 +270,7 @@ def _stopped(ranges: ForceRanges) -> ForceRanges:
     return replace(ranges, unanswered=int(np.isnan(ranges.width).sum()))
 
 
-def _all_pressed(contacts: Contacts, n_joints: int) -> BoolArray | None:
+def _all_pressed(contacts: RigidContacts, n_joints: int) -> BoolArray | None:
     """Whether every joint is pressed by one self-stress, as in a locked assembly; else None.
 
     What one program finds for thousands of contacts in minutes, the dual Newton method finds in
@@ -281,7 +283,7 @@ def _all_pressed(contacts: Contacts, n_joints: int) -> BoolArray | None:
 
 
 def _columns(
-    contacts: Contacts, frictional: FrictionalContacts | None, joint: IntArray
+    contacts: RigidContacts, frictional: FrictionalContacts | None, joint: IntArray
 ) -> tuple[sp.csc_array, IntArray]:
     """Wrenches of the edges of all admissible forces, each with a normal force of one.
 

@@ -35,7 +35,7 @@ from geometry.parts.placed import AnyBlocks
 from geometry.parts.regions import region_points
 from geometry.parts.rows import Row, finite, number
 from geometry.parts.supports import HeldFace
-from mbd.contacts.jacobian import Contacts, contact_jacobian
+from mbd.contacts.jacobian import RigidContacts, contact_jacobian
 from mbd.contacts.supports import Guide, RigidSupportError
 from mbd.friction.equilibrium import (
     CollapseLoad,
@@ -105,7 +105,7 @@ class Margin:
 
 
 def interlocking_margin(
-    contacts: Contacts,
+    contacts: RigidContacts,
     *,
     limit: float = math.inf,
     progress: Callable[[int], None] | None = None,
@@ -141,7 +141,7 @@ def interlocking_margin(
     )
 
 
-def _units(contacts: Contacts) -> Iterator[FloatArray]:
+def _units(contacts: RigidContacts) -> Iterator[FloatArray]:
     """Unit forces and couples on each free block, one way and the other, (n_rows,) each."""
     n_rows = contacts.jacobian.shape[0]
     for row in range(n_rows):
@@ -149,7 +149,7 @@ def _units(contacts: Contacts) -> Iterator[FloatArray]:
 
 
 def _equilibria(
-    contacts: Contacts,
+    contacts: RigidContacts,
     loads: Iterable[FloatArray],
     norm: Norm,
     *,
@@ -194,7 +194,7 @@ class Pushes:
     """Whether the load is weight and nothing else."""
 
     @cached_property
-    def _contacts(self) -> Contacts:
+    def _contacts(self) -> RigidContacts:
         return contact_jacobian(self.blocks, self.load.fixed, self.load.held)
 
     @cached_property

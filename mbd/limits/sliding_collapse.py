@@ -42,7 +42,7 @@ import scipy.sparse as sp
 from geometry.mesh import FloatArray, IntArray
 from geometry.parts.placed import AnyBlocks
 from geometry.parts.rows import Row, finite
-from mbd.contacts.jacobian import Contacts
+from mbd.contacts.jacobian import RigidContacts
 from mbd.friction.equilibrium import (
     TANGENTS,
     CollapseLoad,
@@ -560,7 +560,7 @@ class SlidingState:
 
 def sliding_state(
     assembly: AnyBlocks,
-    contacts: Contacts,
+    contacts: RigidContacts,
     found: SlidingCollapse,
     *,
     frictional: FrictionalContacts,

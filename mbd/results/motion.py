@@ -56,7 +56,7 @@ def _axis(direction: FloatArray) -> str:
 
 
 @dataclass(frozen=True)
-class Motion:
+class DrivenMotion:
     """How blocks move that a load drives."""
 
     blocks: tuple[BlockMotion, ...]
@@ -104,7 +104,7 @@ def placed_motion(assembly: AnyBlocks, motion: FloatArray, free: BoolArray) -> F
 
 def motion_of_blocks(
     assembly: AnyBlocks, moving: FloatArray, weight: FloatArray | None, *, proved: bool
-) -> Motion:
+) -> DrivenMotion:
     """Name the blocks that move most.
 
     From (δt, δθ) of each block to any scale, (n_blocks, 6) [mm, rad]. The weight of the blocks,
@@ -131,7 +131,7 @@ def motion_of_blocks(
         )
         for block in most
     )
-    return Motion(blocks, proved, [assembly.named(block) for block in most])
+    return DrivenMotion(blocks, proved, [assembly.named(block) for block in most])
 
 
 def _points(assembly: AnyBlocks, block: int) -> FloatArray:

@@ -17,12 +17,12 @@ from geometry.mesh import FloatArray
 from geometry.parts.pairs import OfPairs, pair_values
 from geometry.parts.placed import AnyBlocks
 from geometry.parts.rows import Part, Row
-from mbd.contacts.jacobian import Contacts, contact_jacobian
+from mbd.contacts.jacobian import RigidContacts, contact_jacobian
 from mbd.friction.equilibrium import (
     CollapseLoad,
     FrictionalContacts,
     FrictionalEquilibrium,
-    FrictionError,
+    RigidFrictionError,
     by_block,
     collapse_load,
     frictional_contacts,
@@ -119,7 +119,7 @@ class Question:
     """Called with what is being found."""
 
     @cached_property
-    def contacts(self) -> Contacts:
+    def contacts(self) -> RigidContacts:
         """Contacts of `blocks`."""
         return contact_jacobian(self.blocks, self.load.fixed, self.load.held)
 
@@ -177,7 +177,7 @@ class Question:
                 plane = plane_problem(self.blocks, self.contacts, self.frictional, axis)
                 for load in loads:
                     plane.load(load)
-            except FrictionError:
+            except RigidFrictionError:
                 continue
             return plane
         return None

@@ -25,7 +25,7 @@ from fem.decks.placement import canonical, canonical_axis_angle, rotation_matrix
 from fem.decks.problem import problem_deck
 from fem.decks.read.cards import Card, read_cards
 from fem.decks.read.deck import deck_of_lines
-from fem.decks.read.model import effects_of
+from fem.decks.read.model import damping_of_step
 from fem.decks.write import deck_lines
 from fem.problem import Frames
 from fem.system.build import block_load_forces
@@ -429,7 +429,7 @@ def test_an_imported_deck_gives_the_same_explicit_model() -> None:
     again = read.problem().deformable
     a, b = (loaded_nodes(m)[1].sum(axis=0) for m in (system, again))
     assert np.abs(a - b).max() < 1e-12 * np.abs(a).max()
-    assert effects_of(read.model, read.steps[0]).rayleigh == deck.effects.rayleigh
+    assert damping_of_step(read.model, read.steps[0]).rayleigh == deck.effects.rayleigh
     assert (again.gravity == system.gravity).all()
 
 

@@ -6,7 +6,7 @@ from scipy.spatial.transform import Rotation
 
 from fem.explicit import kernels
 from fem.explicit.kernels import SERIAL
-from fem.explicit.solve import initial_state, prepare, solve
+from fem.explicit.solve import initial_state, prepare, run_explicit
 from fem.explicit.step import placed_internal_force
 from fem.system.body import ModelError, placed_body
 from fem.system.effects import BulkViscosity, Effects, RayleighDamping
@@ -36,7 +36,9 @@ def test_rigid_motion_gives_no_strain(degrees):
     start = rigid_displacement(group, np.radians(degrees), [1.0, -2.0, 0.5], [5.0, -3.0, 8.0])
     model = lone_bodies((group,), effects=FINITE)
     dt = 0.9 * model.critical.critical_time_step
-    result = solve(model, time_step=dt, end_time=50 * dt, displacements=[start], sample_interval=1)
+    result = run_explicit(
+        model, time_step=dt, end_time=50 * dt, displacements=[start], sample_interval=1
+    )
     stiff = np.abs(group.stiffness.diagonal()).max() * group.n_nodes
     assert result.history.column("strain_energy").max() < stiff * (20 * 1e-15) ** 2
     np.testing.assert_allclose(result.displacements[0], start, rtol=0, atol=1e-12)
@@ -112,7 +114,7 @@ def test_free_spinning_block_keeps_both_momenta():
     dt = 0.9 * model.critical.critical_time_step
     turn = 2.0 * np.pi / np.linalg.norm(spin)
     short, long = (
-        solve(model, time_step=dt, end_time=t, velocities=[velocity]) for t in (2 * dt, turn)
+        run_explicit(model, time_step=dt, end_time=t, velocities=[velocity]) for t in (2 * dt, turn)
     )
     assert long.n_steps > 500
     p0, h0 = angular_momentum(group, short)
@@ -135,8 +137,8 @@ def test_damping_and_viscosity_do_not_brake_a_rigid_spin():
     )
     model = lone_bodies((group,), effects=effects)
     dt = 0.9 * model.critical.critical_time_step
-    first = solve(model, time_step=dt, end_time=2 * dt, velocities=[velocity])
-    last = solve(model, time_step=dt, end_time=1000 * dt, velocities=[velocity])
+    first = run_explicit(model, time_step=dt, end_time=2 * dt, velocities=[velocity])
+    last = run_explicit(model, time_step=dt, end_time=1000 * dt, velocities=[velocity])
     _, h0 = angular_momentum(group, first)
     _, h1 = angular_momentum(group, last)
     np.testing.assert_allclose(h1, h0, rtol=0, atol=1e-12 * np.linalg.norm(h0))
@@ -150,7 +152,9 @@ def test_small_motions_agree_with_the_small_rotation_path():
     force = 1e-2 * np.random.default_rng(0).standard_normal(group.mesh.nodes.shape)
     load = nodal_load(0, force, copies=[0, 1, 2], amplitude=SmoothStepAmplitude(1e-5))
     small, finite = (
-        solve(lone_bodies((group,), loads=(load,), effects=e), time_step=1.5e-7, end_time=2e-5)
+        run_explicit(
+            lone_bodies((group,), loads=(load,), effects=e), time_step=1.5e-7, end_time=2e-5
+        )
         for e in (Effects(), FINITE)
     )
     size = np.abs(small.displacements[0]).max()
@@ -178,7 +182,7 @@ def test_following_load_turns_with_the_block():
         (False, acceleration * end * np.array([1.0, 0.0])),
     ):
         load = nodal_load(0, force, follows_block=follows)
-        result = solve(
+        result = run_explicit(
             lone_bodies((group,), loads=(load,), effects=FINITE),
             end_time=end,
             velocities=[velocity],

@@ -12,7 +12,15 @@ from fem import ElementType, Material
 from fem.explicit.kernels import SERIAL
 from fem.explicit.kernels.layout import aligned_zeros, to_lanes
 from fem.explicit.output.energy import History, energies
-from fem.explicit.solve import Frame, Output, UnstableRun, initial_state, prepare, solve, watch
+from fem.explicit.solve import (
+    Frame,
+    Output,
+    UnstableRun,
+    initial_state,
+    prepare,
+    run_explicit,
+    watch,
+)
 from fem.explicit.state import Lanes
 from fem.explicit.step import ExplicitSystem, step
 from fem.explicit.timed import TimedSystem
@@ -65,7 +73,7 @@ def modal_coordinate(model: TimedSystem, shape: np.ndarray, **options) -> np.nda
         )
 
     output = Output(on_frame=keep, frame_interval=options["time_step"])
-    solve(model, displacements=[shape[None]], output=output, **options)
+    run_explicit(model, displacements=[shape[None]], output=output, **options)
     return np.array(found)
 
 
@@ -88,7 +96,7 @@ def test_patch_affine_state_stays_at_rest(element):
     turned = np.einsum("cij,nj->cni", PLACEMENTS, reaction)
     model = lone_bodies((group,), loads=(nodal_load(0, turned, copies=[0, 1, 2]),))
     start = np.einsum("cij,nj->cni", PLACEMENTS, affine)
-    result = solve(model, displacements=[start], sample_interval=1, **short(model, 100))
+    result = run_explicit(model, displacements=[start], sample_interval=1, **short(model, 100))
     assert result.n_steps == 100
     assert result.energies.strain_energy > 1e-3
     kinetic = result.history.column("kinetic_energy")
@@ -149,7 +157,7 @@ def test_cantilever_released_from_its_mode_keeps_the_fixed_end_still():
     model = lone_bodies((group,), supports=(support,))
     options = short(model, 200)
     start = 1e-3 * np.einsum("cij,nj->cni", PLACEMENTS, shapes[0])
-    result = solve(model, displacements=[start], **options)
+    result = run_explicit(model, displacements=[start], **options)
     assert (result.displacements[0][:, held] == 0.0).all()
     phase = 2.0 * math.asin(0.5 * omega[0] * options["time_step"]) * result.n_steps
     # v_{-½} = v_0 - ½ Δt a_0 makes q_n = cos(n ω' Δt) exactly.
@@ -177,7 +185,7 @@ def test_wave_speed():
 
     dt = 0.2 * dx / speed
     output = Output(on_frame=keep, frame_interval=dt)
-    solve(model, time_step=dt, end_time=75.0 / speed, output=output)
+    run_explicit(model, time_step=dt, end_time=75.0 / speed, output=output)
     # Behind the front of a unit force on a unit section the velocity is 1 / (ρ c).
     rate = np.gradient(np.array(moved), dt) * 1e-9 * speed
     arrival = np.interp(1.0 / 3.0, np.maximum.accumulate(rate), times)
@@ -203,7 +211,7 @@ def test_prescribed_motion_follows_its_amplitude_and_its_work_is_counted(rayleig
         ),
         effects=Effects(rayleigh=rayleigh),
     )
-    result = solve(model, end_time=1.5e-4, sample_interval=5)
+    result = run_explicit(model, end_time=1.5e-4, sample_interval=5)
     np.testing.assert_allclose(
         result.displacements[0][0, pulled], np.tile(move, (4, 1)), atol=1e-15
     )
@@ -237,7 +245,7 @@ def test_energy_is_conserved_to_round_off(name):
     held = fixed_nodes(0, np.arange(2), copies=[0, 1, 2])
     guided = fixed_nodes(0, np.arange(2, 6), copies=[0, 1, 2], components=(0, 2))
     model = lone_bodies((group,), supports=(held, guided), loads=(load,), effects=EFFECTS[name])
-    result = solve(model, sample_interval=7, **short(model, 2000))
+    result = run_explicit(model, sample_interval=7, **short(model, 2000))
     assert result.energy_balance < 1e-12
     lost = result.energies.viscous_dissipation
     assert (lost == 0.0) if name == "none" else (lost > 0.0)
@@ -268,7 +276,9 @@ def test_energy_does_not_drift(n_steps, bound):
     velocity = rng.standard_normal((1, 8, 3))
     velocity[0, :3] = 0.0
     model = lone_bodies((group,), supports=(fixed_nodes(0, np.arange(3)),))
-    result = solve(model, velocities=[velocity], sample_interval=1000, **short(model, n_steps))
+    result = run_explicit(
+        model, velocities=[velocity], sample_interval=1000, **short(model, n_steps)
+    )
     assert result.n_steps == n_steps
     assert result.energy_balance < bound
 
@@ -329,7 +339,7 @@ def test_quadratic_bulk_viscosity_acts_in_compression_only():
     lost = {}
     for sign in (1.0, -1.0):
         dt = 1e-3 * model.critical.critical_time_step
-        result = solve(
+        result = run_explicit(
             model,
             time_step=dt,
             end_time=4 * dt,
@@ -351,7 +361,7 @@ def test_critical_time_step_is_sharp(name):
     group = placed_body(distorted_box((2, 2, 2)), CONCRETE)
     model = lone_bodies((group,), effects=EFFECTS[name])
     velocity = np.random.default_rng(0).standard_normal((1, 27, 3))
-    stable = solve(model, velocities=[velocity], **short(model, 3000, factor=0.999))
+    stable = run_explicit(model, velocities=[velocity], **short(model, 3000, factor=0.999))
     start = 0.5 * group.lumped_mass @ (velocity[0] ** 2).sum(axis=1)
     assert stable.history.column("strain_energy").max() < 1e4 * start
     system = prepare(model, time_step=1.01 * stable.critical.critical_time_step)
@@ -378,7 +388,9 @@ def test_hourglass_modes_do_not_grow():
     velocity = np.zeros((1, mesh.n_nodes, 3))
     velocity[0, :, 0] = signs
     model = lone_bodies((group,))
-    result = solve(model, velocities=[velocity], sample_interval=3, **short(model, 9000, factor))
+    result = run_explicit(
+        model, velocities=[velocity], sample_interval=3, **short(model, 9000, factor)
+    )
     put_in = 0.5 * group.lumped_mass.sum()
     hourglass = result.history.column("hourglass_energy")
     assert hourglass.max() > 0.1 * put_in
@@ -425,7 +437,7 @@ def test_threads_copies_and_samples_do_not_change_a_bit(name):
         group = placed_body(mesh, CONCRETE, rotations=PLACEMENTS[[0, 1, 2, 0]][:n_copies])
         model = lone_bodies((group,), effects=effects)
         results.append(
-            solve(
+            run_explicit(
                 model,
                 velocities=[velocity[:n_copies]],
                 threads=threads,
@@ -446,7 +458,7 @@ def test_one_copy_gives_the_answer_of_many():
         group = placed_body(mesh, CONCRETE, rotations=PLACEMENTS[1 : 1 + n])
         model = lone_bodies((group,))
         found.append(
-            solve(model, velocities=[velocity[:n]], **short(model, 100)).displacements[0][0]
+            run_explicit(model, velocities=[velocity[:n]], **short(model, 100)).displacements[0][0]
         )
     np.testing.assert_allclose(
         found[0], found[1], rtol=0, atol=100 * 1e-15 * np.abs(found[0]).max()
@@ -458,7 +470,7 @@ def test_gravity_gives_free_fall():
     group = placed_body(cube(2), CONCRETE, rotations=PLACEMENTS)
     g = np.array([0.0, 3.0, -9810.0])
     model = lone_bodies((group,), effects=Effects(gravity=g))
-    result = solve(model, **short(model, 500))
+    result = run_explicit(model, **short(model, 500))
     fall = 0.5 * g * result.time**2
     expected = np.broadcast_to(fall, result.displacements[0].shape)
     np.testing.assert_allclose(result.displacements[0], expected, atol=1e-11 * np.abs(fall).max())

@@ -11,7 +11,7 @@ import pytest
 
 from fem import ElementType
 from fem.explicit.output.checkpoint import CheckpointError, content_digest
-from fem.explicit.solve import Output, Status, StopCriterion, UnstableRun, solve
+from fem.explicit.solve import Output, Status, StopCriterion, UnstableRun, run_explicit
 from fem.explicit.state import StateError
 from fem.explicit.timed import TimedSystem
 from fem.system.body import ModelError, placed_body
@@ -44,7 +44,7 @@ def test_adaptive_damping_arrives_at_the_static_state(n_copies):
     # slowest mode it is about r; measured against the linear solution.
     model = cantilever(Effects(adaptive_mass_damping=AdaptiveMassDamping()), n_copies=n_copies)
     stop = StopCriterion(residual=1e-6, not_before=2e-4)
-    result = solve(model, end_time=2e-2, stop=stop)
+    result = run_explicit(model, end_time=2e-2, stop=stop)
     assert result.status is Status.CONVERGED
     assert result.residual <= 1e-6
     assert result.n_steps < 5000
@@ -68,13 +68,13 @@ def interrupting(step: int):
 def test_interrupted_run_continues_to_the_same_bits(tmp_path, effects):
     model = cantilever(effects)
     options = {"end_time": 3e-4, "sample_interval": 20}
-    whole = solve(model, **options)
+    whole = run_explicit(model, **options)
     file = tmp_path / "run.npz"
     output = Output(checkpoint=file, progress=interrupting(100))
-    first = solve(model, output=output, **options)
+    first = run_explicit(model, output=output, **options)
     assert first.status is Status.INTERRUPTED
     assert first.n_steps < whole.n_steps
-    second = solve(model, resume=file, **options)
+    second = run_explicit(model, resume=file, **options)
     assert second.status is Status.FINISHED
     np.testing.assert_array_equal(second.displacements[0], whole.displacements[0])
     np.testing.assert_array_equal(second.velocities[0], whole.velocities[0])
@@ -88,20 +88,20 @@ def test_killed_process_continues_to_the_same_bits(tmp_path):
     script = """
         import os, sys, pathlib
         from tests.support.cantilever import cantilever, EVERYTHING
-        from fem.explicit.solve import Output, solve
+        from fem.explicit.solve import Output, run_explicit
 
         def die(told):
             if told.step > 150:
                 os._exit(9)
 
         output = Output(checkpoint=pathlib.Path(sys.argv[1]), checkpoint_seconds=0.0, progress=die)
-        solve(cantilever(EVERYTHING), end_time=3e-4, output=output)
+        run_explicit(cantilever(EVERYTHING), end_time=3e-4, output=output)
     """
     command = [sys.executable, "-c", textwrap.dedent(script), str(file)]
     assert subprocess.run(command, check=False).returncode == 9
     model = cantilever(EVERYTHING)
-    resumed = solve(model, end_time=3e-4, resume=file)
-    whole = solve(model, end_time=3e-4)
+    resumed = run_explicit(model, end_time=3e-4, resume=file)
+    whole = run_explicit(model, end_time=3e-4)
     np.testing.assert_array_equal(resumed.displacements[0], whole.displacements[0])
     np.testing.assert_array_equal(resumed.history.table(), whole.history.table())
 
@@ -109,24 +109,24 @@ def test_killed_process_continues_to_the_same_bits(tmp_path):
 def test_checkpoints_that_cannot_be_used(tmp_path):
     file = tmp_path / "run.npz"
     with pytest.raises(CheckpointError, match="no such file"):
-        solve(cantilever(), end_time=1e-4, resume=file)
+        run_explicit(cantilever(), end_time=1e-4, resume=file)
     file.write_bytes(b"PK\x03\x04 broken")
     with pytest.raises(CheckpointError, match="not a readable checkpoint"):
-        solve(cantilever(), end_time=1e-4, resume=file)
+        run_explicit(cantilever(), end_time=1e-4, resume=file)
     output = Output(checkpoint=file, progress=interrupting(50))
-    solve(cantilever(), end_time=1e-4, output=output)
+    run_explicit(cantilever(), end_time=1e-4, output=output)
     for other in (cantilever(ramp=1e-4), cantilever(Effects(finite_rotation=True))):
         with pytest.raises(CheckpointError, match="another model"):
-            solve(other, end_time=1e-4, resume=file)
+            run_explicit(other, end_time=1e-4, resume=file)
     with pytest.raises(CheckpointError, match="another model"):
-        solve(cantilever(), end_time=1e-4, safety_factor=0.8, resume=file)
+        run_explicit(cantilever(), end_time=1e-4, safety_factor=0.8, resume=file)
 
 
 def kept_run(file):
     """A checkpoint after a few steps, and the run that goes on from it."""
     options = {"end_time": 6e-5, "sample_interval": 10}
-    solve(cantilever(), output=Output(checkpoint=file, progress=interrupting(20)), **options)
-    return lambda: solve(cantilever(), resume=file, **options)
+    run_explicit(cantilever(), output=Output(checkpoint=file, progress=interrupting(20)), **options)
+    return lambda: run_explicit(cantilever(), resume=file, **options)
 
 
 def test_a_flipped_bit_of_a_checkpoint_is_refused_or_changes_nothing(tmp_path):
@@ -190,7 +190,7 @@ def test_unstable_run_stops_before_anything_not_finite_is_passed_on():
     patched = pytest.MonkeyPatch()
     patched.setattr(TimedSystem, "critical", model.critical)
     with patched.context(), pytest.raises(UnstableRun, match=r"block\[0\].*safety_factor"):
-        solve(wild, end_time=2000 * dt, time_step=dt, output=output)
+        run_explicit(wild, end_time=2000 * dt, time_step=dt, output=output)
     patched.undo()
     told = [f for f in frames if hasattr(f, "displacements")]
     assert told
@@ -200,7 +200,7 @@ def test_unstable_run_stops_before_anything_not_finite_is_passed_on():
 def test_frames_come_at_their_times():
     frames = []
     output = Output(on_frame=frames.append, frame_interval=2e-5)
-    result = solve(cantilever(), end_time=1e-4, output=output)
+    result = run_explicit(cantilever(), end_time=1e-4, output=output)
     assert [f.number for f in frames] == list(range(6))
     times = np.array([f.time for f in frames])
     assert times[0] == 0.0
@@ -213,7 +213,7 @@ def test_frames_come_at_their_times():
 
 
 def test_reported_rates_and_memory():
-    result = solve(cantilever(), end_time=5e-5)
+    result = run_explicit(cantilever(), end_time=5e-5)
     assert result.element_updates == 2 * 24 * result.n_steps
     assert result.element_updates_per_cpu_second > 0.0
     # u, v, f and what is applied, two lanes of float64.
@@ -235,20 +235,20 @@ def test_reported_rates_and_memory():
 )
 def test_bad_options_are_refused(options, message):
     with pytest.raises(TimeStepError, match=message):
-        solve(cantilever(), **({"end_time": 1e-4} | options))
+        run_explicit(cantilever(), **({"end_time": 1e-4} | options))
 
 
 def test_bad_initial_states_are_refused():
     with pytest.raises(StateError, match="expected"):
-        solve(cantilever(), end_time=1e-4, velocities=[np.zeros((2, 3, 3))])
+        run_explicit(cantilever(), end_time=1e-4, velocities=[np.zeros((2, 3, 3))])
     nan = np.full((2, len(MESH.nodes), 3), np.nan)
     with pytest.raises(StateError, match="finite"):
-        solve(cantilever(), end_time=1e-4, displacements=[nan])
+        run_explicit(cantilever(), end_time=1e-4, displacements=[nan])
 
 
 def test_damping_that_would_make_the_step_vanish_is_refused():
     with pytest.raises(TimeStepError, match="stiffness_proportional"):
-        solve(cantilever(Effects(rayleigh=RayleighDamping(None, 1.0))), end_time=1e-4)
+        run_explicit(cantilever(Effects(rayleigh=RayleighDamping(None, 1.0))), end_time=1e-4)
 
 
 @pytest.mark.parametrize(
@@ -280,7 +280,7 @@ def test_bad_models_are_refused():
         lone_bodies((group,), loads=(nodal_load(0, np.full((63, 3), np.nan)),))
     moves = fixed_nodes(0, HELD[:1], displacement=np.ones(3), amplitude=SmoothStepAmplitude(1e-5))
     with pytest.raises(ModelError, match="moved in two ways"):
-        solve(lone_bodies((group,), supports=(fixed_nodes(0, HELD), moves)), end_time=1e-4)
+        run_explicit(lone_bodies((group,), supports=(fixed_nodes(0, HELD), moves)), end_time=1e-4)
 
 
 def test_directions_of_supports_may_be_oblique_or_stated_twice():
@@ -292,7 +292,9 @@ def test_directions_of_supports_may_be_oblique_or_stated_twice():
     supports = (oblique, fixed_nodes(0, HELD[:2], components=(0,)))
     load = nodal_load(0, np.ones((group.n_nodes, 3)))
     one, two = (
-        solve(lone_bodies((group,), supports=held, loads=(load,)), end_time=1e-4).displacements[0]
+        run_explicit(
+            lone_bodies((group,), supports=held, loads=(load,)), end_time=1e-4
+        ).displacements[0]
         for held in ((plain,), supports)
     )
     np.testing.assert_allclose(two, one, rtol=0.0, atol=1e-10 * np.abs(one).max())
@@ -301,10 +303,10 @@ def test_directions_of_supports_may_be_oblique_or_stated_twice():
 def test_amplitudes_are_part_of_the_fingerprint(tmp_path):
     file = tmp_path / "run.npz"
     model = cantilever()
-    solve(model, end_time=1e-4, output=Output(checkpoint=file, progress=interrupting(1)))
+    run_explicit(model, end_time=1e-4, output=Output(checkpoint=file, progress=interrupting(1)))
     other = cantilever(ramp=1e-3)
     with pytest.raises(CheckpointError, match="another model"):
-        solve(other, end_time=1e-4, resume=file)
+        run_explicit(other, end_time=1e-4, resume=file)
 
 
 @pytest.mark.parametrize("element", list(ElementType))
@@ -317,7 +319,7 @@ def test_every_element_runs_to_the_same_bending_sign(element):
         (fixed_nodes(0, HELD),),
         (nodal_load(0, force, amplitude=SmoothStepAmplitude(1e-4)),),
     )
-    result = solve(model, end_time=1e-4)
+    result = run_explicit(model, end_time=1e-4)
     assert result.displacements[0][0, -1, 2] > 0.0
     assert (result.energies.hourglass_energy > 0.0) == (element is ElementType.REDUCED)
     assert result.energy_balance < 1e-11

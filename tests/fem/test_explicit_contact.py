@@ -12,7 +12,7 @@ from fem.element.facet import FACET_SLOPES, FACET_VALUES
 from fem.explicit.damping import applied_forces
 from fem.explicit.setup.quasi_static import quasi_static_report
 from fem.explicit.setup.timed_system import state_of, timed_system
-from fem.explicit.solve import Output, StopCriterion, initial_state, prepare, solve
+from fem.explicit.solve import Output, StopCriterion, initial_state, prepare, run_explicit
 from fem.explicit.state import world_vectors
 from fem.static.solve import static_state
 from fem.system.effects import AdaptiveMassDamping, Effects
@@ -207,7 +207,7 @@ def run_to_static(deformable, symmetry="none", **options):
         symmetry=symmetry,
         effects=Effects(adaptive_mass_damping=AdaptiveMassDamping(interval=50)),
     )
-    result = solve(
+    result = run_explicit(
         statement,
         end_time=statement.end_time,
         stop=StopCriterion(1e-5, statement.ramp_time),
@@ -275,7 +275,7 @@ def test_a_half_turn_gives_the_whole(friction):
             deformable, symmetry=symmetry, ramp_time=5e-4, counted_pressure=10.0
         )
         assert len(statement.system.blocks) == computed
-        result = solve(statement, end_time=1e-3)
+        result = run_explicit(statement, end_time=1e-3)
         state = state_of(result).contact_state
         moved_by = statement.expand(result.displacements)[0]
         rubs = 0.0 if friction is None else state.point_frictions
@@ -311,12 +311,12 @@ def test_a_resumed_run_gives_the_same_bits(tmp_path, coarse_run):
     stop = StopCriterion(1e-5, statement.ramp_time)
     options = {"end_time": statement.end_time, "stop": stop}
     with pytest.raises(KeyboardInterrupt):
-        solve(
+        run_explicit(
             statement,
             **options,
             output=Output(checkpoint=path, checkpoint_seconds=0.0, progress=stop_midway),
         )
-    resumed = solve(statement, **options, resume=path)
+    resumed = run_explicit(statement, **options, resume=path)
     assert resumed.n_steps == result.n_steps
     assert np.array_equal(resumed.displacements[0], result.displacements[0])
 

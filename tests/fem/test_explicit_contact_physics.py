@@ -10,7 +10,14 @@ from fem.contact.friction import FrictionError
 from fem.contact.normals import ContactNormals
 from fem.explicit.damping import applied_forces
 from fem.explicit.setup.timed_system import timed_system
-from fem.explicit.solve import Output, UnstableRun, displacements_of, initial_state, prepare, solve
+from fem.explicit.solve import (
+    Output,
+    UnstableRun,
+    displacements_of,
+    initial_state,
+    prepare,
+    run_explicit,
+)
 from fem.explicit.state import world_vectors
 from fem.explicit.step import step
 from fem.system.effects import AdaptiveMassDamping, Effects, RayleighDamping
@@ -29,7 +36,7 @@ def falling(deformable, speed):
 def bounce(time_step):
     deformable = block_on_floor(lift=0.02)
     statement = timed_system(deformable)
-    return solve(
+    return run_explicit(
         statement,
         end_time=6e-3,
         time_step=time_step,
@@ -70,7 +77,7 @@ def on_incline(ratio, *, coefficient=0.3, time=4e-3, floor_first=True, effects=N
     )
     friction = CoulombFriction(coefficient)
     statement = timed_system(in_contact(deformable, friction=friction), effects=effects)
-    result = solve(statement, end_time=time)
+    result = run_explicit(statement, end_time=time)
     mass = statement.bodies[0].lumped_mass
     return float(mass @ result.displacements[0][0, :, 0] / mass.sum()), result
 
@@ -127,7 +134,7 @@ def test_no_friction_is_vanishing_friction_to_the_bit():
     """A coefficient of 1e-200 adds forces that no other number feels."""
     deformable = block_on_floor(lift=0.001)
     runs = [
-        solve(
+        run_explicit(
             timed_system(in_contact(deformable, friction=friction)),
             end_time=3e-4,
             velocities=falling(deformable, 10.0),
@@ -150,12 +157,15 @@ def test_friction_history_is_in_the_checkpoint(tmp_path):
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        solve(
+        run_explicit(
             model,
             end_time=1e-3,
             output=Output(checkpoint=path, checkpoint_seconds=0.0, progress=stop_midway),
         )
-    whole, resumed = solve(model, end_time=1e-3), solve(model, end_time=1e-3, resume=path)
+    whole, resumed = (
+        run_explicit(model, end_time=1e-3),
+        run_explicit(model, end_time=1e-3, resume=path),
+    )
     assert whole.energies.frictional_dissipation > 0.0
     assert resumed.energies.frictional_dissipation == whole.energies.frictional_dissipation
     assert np.array_equal(resumed.displacements[0], whole.displacements[0])
@@ -176,7 +186,7 @@ def test_a_law_without_cap_is_watched():
     law = ExponentialLaw(maximum_stiffness=math.inf)
     deformable = block_on_floor(lift=0.002, law=law)
     with pytest.raises(UnstableRun, match=r"blocks 0 and 1 reached .* MPa.*safety_factor"):
-        solve(
+        run_explicit(
             timed_system(deformable),
             end_time=2e-3,
             velocities=falling(deformable, 2e4),
@@ -220,7 +230,7 @@ def test_column_under_its_weight_sinks_by_the_inverse_of_the_law():
     law = ExponentialLaw()
     deformable = block_on_floor(law=law, gravity=np.array([0.0, 0.0, -1e3 * GRAVITY]))
     effects = Effects(adaptive_mass_damping=AdaptiveMassDamping(interval=50))
-    result = solve(timed_system(deformable, effects=effects, ramp_time=0.0), end_time=4e-3)
+    result = run_explicit(timed_system(deformable, effects=effects, ramp_time=0.0), end_time=4e-3)
     pressure = CONCRETE.density * 1e3 * GRAVITY * 20.0
     found, overclosure = matched_pressures(deformable, result.displacements)
     assert float((deformable.surfaces.weights * found).sum()) / 1200.0 == pytest.approx(

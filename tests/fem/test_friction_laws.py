@@ -6,7 +6,7 @@ import pytest
 from fem import CoulombFriction, LinearPenalty
 from fem.dynamics import stated_run
 from fem.explicit.setup.timed_system import timed_system
-from fem.explicit.solve import solve
+from fem.explicit.solve import run_explicit
 from fem.system.effects import PAPER_RAYLEIGH, Effects
 from fem.system.forces import SmoothStepAmplitude, TabularAmplitude
 from tests.support.answers import on_its_mesh
@@ -39,7 +39,7 @@ def pushed(amplitude, cycles):
     # Time steps meet the turning points.
     step = 2.5e-4 / 128
     held = with_supports(model, moved)
-    return solve(held, end_time=end, time_step=step, sample_interval=1)
+    return run_explicit(held, end_time=end, time_step=step, sample_interval=1)
 
 
 def test_a_block_pushed_there_and_back_loses_the_area_of_the_loop():
@@ -76,7 +76,7 @@ def test_gravity_that_grows_does_the_work_that_it_does():
     group = timed_system(block_on_floor()).bodies[0]
     duration, down = 2e-4, np.array([0.0, 0.0, -GRAVITY])
     effects = Effects(gravity=down, gravity_amplitude=SmoothStepAmplitude(duration))
-    result = solve(lone_bodies((group,), effects=effects), end_time=2 * duration)
+    result = run_explicit(lone_bodies((group,), effects=effects), end_time=2 * duration)
     speed = -result.velocities[0][0, :, 2]
     # Of the second half all, but for the half step by which velocities lag.
     late = 0.5 * result.time_step * GRAVITY

@@ -10,7 +10,7 @@ import pytest
 
 from fem.static.solve import StaticOptions, static_state
 from fem.system.body import ModelError
-from fem.system.held import Held, joined
+from fem.system.held import Held, joined_rows
 from validation import load_case
 
 SLANTED = np.array([np.cos(0.6), np.sin(0.6), 0.0])
@@ -65,7 +65,7 @@ def test_supports_that_are_stated_again_change_nothing() -> None:
     directions = np.where(leaning[:, None], SLANTED @ turns, held.direction)
     values = np.where(leaning, 0.03 * SLANTED[0], held.value)
     more = replace(held, direction=directions, value=values)
-    again = replace(deformable, supports=joined([held, more]))
+    again = replace(deformable, supports=joined_rows([held, more]))
     options = StaticOptions(tolerance=1e-10, motion_steps=2)
     once, twice = (static_state(one, options) for one in (deformable, again))
     for a, b in zip(once.displacements, twice.displacements, strict=True):

@@ -11,7 +11,7 @@ from fem.decks.laws import law_table
 from fem.decks.problem import problem_deck
 from fem.explicit.setup.timed_system import state_of, timed_system
 from fem.explicit.solve import StopCriterion
-from fem.explicit.solve import solve as solve_model
+from fem.explicit.solve import run_explicit as solve_model
 from fem.static.solve import static_state
 from fem.system.effects import AdaptiveMassDamping, EffectError, Effects
 from fem.system.system import System

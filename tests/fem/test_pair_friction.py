@@ -20,7 +20,7 @@ from fem import (
 )
 from fem.decks.keywords import DeckError
 from fem.explicit.setup.timed_system import timed_system
-from fem.explicit.solve import solve as solve_explicit
+from fem.explicit.solve import run_explicit as solve_explicit
 from fem.static.solve import static_state
 from fem.system.effects import Effects
 from fem.system.sector import largest_cyclic_orbits

@@ -13,7 +13,7 @@ from fem.explicit.setup.quasi_static import (
     quasi_static_report,
 )
 from fem.explicit.setup.timed_system import timed_system
-from fem.explicit.solve import Status, StopCriterion, solve
+from fem.explicit.solve import Status, StopCriterion, run_explicit
 from fem.static.solve import static_state
 from fem.system.effects import AdaptiveMassDamping, BulkViscosity, Effects, RayleighDamping
 from geometry.families.boxes import BrickStack
@@ -99,7 +99,7 @@ def test_a_verdict_does_not_advise_what_is_on(damped):
         effects=Effects(adaptive_mass_damping=damping),
         ramp_time=1e-4,
     )
-    result = solve(stated, end_time=2e-4, stop=StopCriterion(1e-12), sample_interval=10)
+    result = run_explicit(stated, end_time=2e-4, stop=StopCriterion(1e-12), sample_interval=10)
     report = quasi_static_report(result)
     assert "exceeds" in report.verdict
     assert ("fem.damping" in report.verdict) is not damped
@@ -114,7 +114,7 @@ def test_a_run_stops_where_its_round_off_stands():
         counted_pressure=10.0,
         effects=Effects(adaptive_mass_damping=AdaptiveMassDamping()),
     )
-    result = solve(
+    result = run_explicit(
         stated,
         end_time=20 * stated.end_time,
         sample_interval=10,
@@ -138,7 +138,7 @@ def test_a_law_that_presses_before_the_load_starts_with_a_blow():
     assert statement.counted_pressure >= 1.5
     balance = []
     for factor in (0.2, 0.1, 0.05):
-        run = solve(statement, end_time=1e-4, safety_factor=factor, sample_interval=1)
+        run = run_explicit(statement, end_time=1e-4, safety_factor=factor, sample_interval=1)
         column = run.history.column
         assert column("contact_energy")[0] > 10.0 * np.abs(column("external_work")).max()
         balance.append(run.energy_balance)
@@ -178,7 +178,9 @@ def test_little_kinetic_energy_is_not_static():
         effects=paper,
         ramp_time=ramp,
     )
-    result = solve(statement, end_time=3.0 * ramp, stop=StopCriterion(1e-12), sample_interval=10)
+    result = run_explicit(
+        statement, end_time=3.0 * ramp, stop=StopCriterion(1e-12), sample_interval=10
+    )
     table = {name: result.history.column(name) for name in COLUMNS}
     held = table["time"] > ramp
     internal = table["strain_energy"] + table["contact_energy"]
@@ -203,7 +205,7 @@ def test_elastic_frames_reach_the_static_state():
         effects=Effects(adaptive_mass_damping=AdaptiveMassDamping(interval=50)),
     )
     stop = StopCriterion(1e-5, statement.ramp_time)
-    result = solve(statement, end_time=statement.end_time, stop=stop)
+    result = run_explicit(statement, end_time=statement.end_time, stop=stop)
     static = static_state(deformable)
     for a, b in zip(statement.expand(result.displacements), static.displacements, strict=True):
         assert np.sqrt(np.mean((a - b) ** 2)) < 1e-3 * np.sqrt(np.mean(b**2))

@@ -14,7 +14,7 @@ from fem import Explicit, Frames, Material, solve_explicit
 from fem.contact.search import points_of_search
 from fem.explicit.setup.quasi_static import block_frequencies
 from fem.explicit.setup.timed_system import state_of, timed_system
-from fem.explicit.solve import StopCriterion, initial_state, prepare, solve
+from fem.explicit.solve import StopCriterion, initial_state, prepare, run_explicit
 from fem.system.effects import AdaptiveMassDamping, Effects
 from fem.system.state import contact_state, facing_points
 from fem.system.system import System
@@ -309,7 +309,7 @@ def settled_box(built: float, slid: float) -> tuple[np.ndarray, np.ndarray]:
     start = tuple(np.zeros((1, group.n_nodes, 3)) for group in stated.bodies)
     start[1][:, :, 0] = slid
     stop = StopCriterion(1e-7, 1e-3)
-    result = solve(stated, end_time=0.1, displacements=start, stop=stop)
+    result = run_explicit(stated, end_time=0.1, displacements=start, stop=stop)
     assert str(result.status) == "converged"
     found = state_of(result).contact_state
     return found.point_pressures, found.positions - [built + slid, 0.0, 0.0]

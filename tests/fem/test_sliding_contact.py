@@ -14,7 +14,7 @@ from fem.element.facet import bilinear
 from fem.explicit.contact.sliding import SlidingContact, surface_areas
 from fem.explicit.damping import applied_forces
 from fem.explicit.setup.timed_system import counted_stiffness, timed_system
-from fem.explicit.solve import Output, StopCriterion, initial_state, prepare, solve
+from fem.explicit.solve import Output, StopCriterion, initial_state, prepare, run_explicit
 from fem.explicit.state import world_vectors
 from fem.explicit.step import step
 from fem.system.body import placed_body
@@ -106,7 +106,7 @@ def test_friction_stops_a_sliding_block():
     """Deceleration μ g: v - μ g t, and the energy lost is what the motion lost (2 % for the
     vibration that the start leaves)."""
     model, velocities = sliding_block(300.0, CoulombFriction(0.3))
-    result = solve(model, end_time=4e-3, velocities=velocities)
+    result = run_explicit(model, end_time=4e-3, velocities=velocities)
     mass = model.bodies[0].lumped_mass
     speed = mass @ result.velocities[0][0, :, 0] / mass.sum()
     assert 300.0 - speed == pytest.approx(0.3 * 9810.0 * 4e-3, rel=0.02)
@@ -126,14 +126,14 @@ def test_resumed_slide_gives_the_same_bits(tmp_path):
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        solve(
+        run_explicit(
             model,
             end_time=1e-3,
             velocities=velocities,
             output=Output(checkpoint=path, checkpoint_seconds=0.0, progress=stop_midway),
         )
-    whole = solve(model, end_time=1e-3, velocities=velocities)
-    resumed = solve(model, end_time=1e-3, velocities=velocities, resume=path)
+    whole = run_explicit(model, end_time=1e-3, velocities=velocities)
+    resumed = run_explicit(model, end_time=1e-3, velocities=velocities, resume=path)
     assert np.array_equal(resumed.displacements[0], whole.displacements[0])
 
 
@@ -176,7 +176,7 @@ def test_agrees_with_matched_facets_where_nothing_slides():
             effects=DAMPED,
             ramp_time=1e-3,
         )
-        result = solve(statement, end_time=2e-2, stop=StopCriterion(1e-6, 1e-3))
+        result = run_explicit(statement, end_time=2e-2, stop=StopCriterion(1e-6, 1e-3))
         pressures.append(matched_pressures(deformable, statement.expand(result.displacements))[0])
     scale = np.sqrt(np.mean(pressures[0] ** 2))
     assert np.sqrt(np.mean((pressures[1] - pressures[0]) ** 2)) < 1e-3 * scale

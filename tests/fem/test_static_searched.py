@@ -11,7 +11,7 @@ from fem.static import solve as static_solve
 from fem.static.linear_step.linearisation import StaticError
 from fem.static.solve import StaticMethod, StaticOptions, static_state
 from fem.system.forces import SmoothStepAmplitude
-from fem.system.held import joined
+from fem.system.held import joined_rows
 from geometry.families.boxes import ColumnBox, box_column
 from geometry.loads import face_pressure
 from tests.support.fem_problems import deformable_assembly
@@ -176,7 +176,7 @@ def drawn(model, aside, squeeze=0.02):
         nodes = np.flatnonzero(np.isclose(along, end))
         moves = {"components": tuple(range(len(way))), "displacement": np.array(way)}
         supports.append(fixed_nodes(block, nodes, **moves, amplitude=ramp))
-    return replace(model, supports=joined([held(model.bodies) for held in supports]))
+    return replace(model, supports=joined_rows([held(model.bodies) for held in supports]))
 
 
 def test_a_box_is_drawn_over_many_facets_out_of_the_channel_between_two_others():

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from geometry.compilation import njit
-from geometry.compilation.clocks import compiling, stages, summed
+from geometry.compilation.clocks import compiling, summed, timed_stages
 
 ROOT = Path(__file__).parents[2]
 
@@ -257,10 +257,10 @@ def test_stages_of_a_run_leave_compilation_out() -> None:
     def turned(x: float) -> float:
         return 1.0 - x
 
-    with stages() as cold:
+    with timed_stages() as cold:
         assert turned(0.25) == 0.75
         cold.lap("solve")
-    with stages() as warm:
+    with timed_stages() as warm:
         assert turned(0.5) == 0.5
         warm.lap("solve")
     seconds = cold.seconds()

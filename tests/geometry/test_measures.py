@@ -9,7 +9,7 @@ import pytest
 
 from geometry.answer import title_of
 from geometry.parts.measures import Resultants, SectionError, block_measures, measures, planes
-from geometry.polyhedra.facet_contact import ContactPoints
+from geometry.polyhedra.facet_contact import PatchContacts
 from validation import load_case, solve
 
 pytestmark = pytest.mark.quick
@@ -132,7 +132,7 @@ def test_contacts_without_a_patch_add_to_none() -> None:
         patches=SimpleNamespace(areas=np.ones(3)), patch=np.array([0, -1, 2, -2, 0])
     )
     values = np.array([[1.0], [7.0], [2.0], [9.0], [4.0]])
-    found = ContactPoints.of_patches(contacts, np.arange(5), values)  # type: ignore[arg-type]
+    found = PatchContacts.of_patches(contacts, np.arange(5), values)  # type: ignore[arg-type]
     assert found.ravel().tolist() == [5.0, 0.0, 2.0]
 
 

@@ -28,11 +28,11 @@ from geometry.polyhedra.facet_contact import _at_vertices
 from geometry.polyhedra.options import ContactPlacement, CubeArrangement, DetectionOptions
 from geometry.polyhedra.polyhedron import convex_polyhedron
 from mbd import Norm, Rigid, Solver, analyse, contact_jacobian
-from mbd.contacts.jacobian import Contacts
+from mbd.contacts.jacobian import RigidContacts
 from mbd.friction.equilibrium import (
     FrictionalContacts,
-    FrictionError,
     FrictionLaw,
+    RigidFrictionError,
     collapse_load,
     frictional_contacts,
     frictional_equilibrium,
@@ -50,7 +50,7 @@ I = np.eye(3)  # noqa: E741
 DOWN = np.array([0.0, 0.0, -1.0])
 
 
-def _verdict(assembly: AnyBlocks) -> tuple[Contacts, Classification]:
+def _verdict(assembly: AnyBlocks) -> tuple[RigidContacts, Classification]:
     """Class without a load; the certificate is checked by multiplication."""
     contacts = contact_jacobian(assembly)
     g = contacts.jacobian
@@ -391,7 +391,7 @@ def test_collapse_answers_what_cannot_be_asked() -> None:
     assembly = _incline()
     contacts = _with_friction(assembly, 0.3)
     dead = _weights(assembly, DOWN)
-    with pytest.raises(FrictionError, match="live load is zero"):
+    with pytest.raises(RigidFrictionError, match="live load is zero"):
         collapse_load(contacts, dead, 0.0 * dead)
     lifted = collapse_load(contacts, -dead, dead)
     assert np.isnan(lifted.factor)
@@ -400,9 +400,9 @@ def test_collapse_answers_what_cannot_be_asked() -> None:
     never = collapse_load(contacts, dead, dead)
     assert np.isinf(never.factor)
     assert never.certified
-    with pytest.raises(FrictionError, match=r"friction: got -0\.1"):
+    with pytest.raises(RigidFrictionError, match=r"friction: got -0\.1"):
         _with_friction(assembly, -0.1)
-    with pytest.raises(FrictionError, match=r"friction: got 30, .* tangent"):
+    with pytest.raises(RigidFrictionError, match=r"friction: got 30, .* tangent"):
         _with_friction(assembly, 30.0)
 
 

@@ -19,7 +19,7 @@ from geometry.polyhedra.assembly import PolyhedralAssembly, polyhedral_assembly
 from geometry.polyhedra.options import ContactPlacement, DetectionOptions
 from geometry.polyhedra.polyhedron import Polyhedron, convex_polyhedron
 from mbd import contact_jacobian
-from mbd.friction.equilibrium import FrictionError, frictional_contacts
+from mbd.friction.equilibrium import RigidFrictionError, frictional_contacts
 from mbd.frictionless.equilibrium import newton_equilibrium
 from mbd.limits.force_range import PlaneProblem, force_ranges, plane_problem
 from mbd.limits.pushes import Pushes
@@ -262,7 +262,7 @@ def test_what_acts_out_of_the_plane_is_no_plane_problem(component: int) -> None:
         if accepted:
             np.testing.assert_array_equal(plane.load(load.ravel()), down.ravel()[plane.rows])
             continue
-        with pytest.raises(FrictionError, match="out of the plane"):
+        with pytest.raises(RigidFrictionError, match="out of the plane"):
             plane.load(load.ravel())
 
 

@@ -11,7 +11,7 @@ from geometry.polyhedra.assembly import PolyhedralAssembly
 from mbd import contact_jacobian
 from mbd.friction.equilibrium import (
     FrictionalContacts,
-    FrictionError,
+    RigidFrictionError,
     collapse_load,
     frictional_contacts,
     frictional_equilibrium,
@@ -120,9 +120,9 @@ def test_plane_problem_has_the_factors_of_the_problem_in_space() -> None:
     assert flat.certified
     assert flat.associated == pytest.approx(solid.associated, rel=1e-7)
     assert flat.factor == pytest.approx(solid.factor, rel=1e-7)
-    with pytest.raises(FrictionError, match="out of the plane"):
+    with pytest.raises(RigidFrictionError, match="out of the plane"):
         plane.load(body_force(assembly, np.array([0.0, 1.0, 0.0])))
-    with pytest.raises(FrictionError, match="two flat faces"):
+    with pytest.raises(RigidFrictionError, match="two flat faces"):
         plane_problem(assembly, contacts, space, axis=0)
 
 

@@ -23,7 +23,7 @@ from tests.support.chromium import BROWSER, Page
 from tests.support.commands import command
 from tests.support.pixels import open_pixels
 from validation import load_case, solve
-from validation.output.pictures.canvas import Surface, View
+from validation.output.pictures.canvas import Polygons, View
 from validation.pages.explore.sliders import COARSE, changed, controls
 
 #: Lists in lists, as no page sends them.
@@ -284,7 +284,7 @@ def test_a_missing_extra_is_one_line(monkeypatch) -> None:
 @pytest.mark.quick
 def test_every_thread_draws_the_same_picture() -> None:
     corners = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0.0]])
-    square = Surface(corners, np.array([[0, 1, 2, 3]]), "#0072B2", lit=False)
+    square = Polygons(corners, np.array([[0, 1, 2, 3]]), "#0072B2", lit=False)
     view = View([square], (0.0, 0.0, 1.0))
     here = view.render(60, 40)
     for _ in range(2):

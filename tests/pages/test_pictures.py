@@ -19,7 +19,7 @@ from validation.output.pictures import assemblies, scales, tubes
 from validation.output.pictures import canvas as drawing
 from validation.output.pictures import gallery as gallery_pictures
 from validation.output.pictures.bodies import EYE, blocks, edges_of, eye, labelled
-from validation.output.pictures.canvas import Lines, Surface, View
+from validation.output.pictures.canvas import Lines, Polygons, View
 from validation.output.pictures.gallery import Panel, gallery
 from validation.output.pictures.scales import (
     Scale,
@@ -37,9 +37,9 @@ FINE = (*COARSE, "mesh.around=48")
 BOX = ("fem.method=static", "mesh.divisions=[8,2,2]")
 
 
-def square(size: float = 1.0, at: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> Surface:
+def square(size: float = 1.0, at: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> Polygons:
     corners = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]]) * size + np.array(at)
-    return Surface(corners, np.array([[0, 1, 2, 3]]), RED[None], lit=False)
+    return Polygons(corners, np.array([[0, 1, 2, 3]]), RED[None], lit=False)
 
 
 # ---------------------------------------------------------------------------------------------
@@ -66,7 +66,7 @@ def test_lines_on_a_surface_are_seen_and_faces_that_look_away_are_not() -> None:
     pixels = View([square(), edge], (0.0, 0.0, 1.0), margin=0.0).render(100, 100)
     assert (pixels[48:52, 20:80] < 100).all(axis=2).any(axis=0).all()
     plain = square()
-    away = Surface(plain.points, plain.polygons[:, ::-1], plain.colour, lit=False, two_sided=False)
+    away = Polygons(plain.points, plain.polygons[:, ::-1], plain.colour, lit=False, two_sided=False)
     assert (View([away], (0.0, 0.0, 1.0)).render(50, 50) == 255).all()
 
 

@@ -9,7 +9,7 @@ import pytest
 
 from tests.support.commands import command
 from validation import InputError
-from validation.stability.case import Verdict, judged, rejected
+from validation.stability.case import CaseVerdict, case_verdict, rejected
 from validation.stability.report import run_case
 from validation.stability.suite import cases, chosen
 from validation.statement import Statement
@@ -90,11 +90,11 @@ def test_at_least_thirty_distinct_cases() -> None:
     ],
 )
 def test_verdicts_follow_from_the_numbers(numbers, message, kind) -> None:
-    assert judged(*numbers, message=message).kind == kind
+    assert case_verdict(*numbers, message=message).kind == kind
 
 
 def test_a_failure_or_a_missing_refusal_is_red() -> None:
-    def broken() -> Verdict:
+    def broken() -> CaseVerdict:
         raise KeyError("lost")
 
     outcome = run_case(Statement("x", {"subject": "y", "law": "z"}, broken))

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
-from validation.study.design import Row
+from validation.study.design import DesignRow
 from validation.study.rowfile import StudyRows
 from validation.study.run import run_design
 from validation.study.study import Study
@@ -31,7 +31,7 @@ class Here:
     def __init__(self, study: Study, limit: int | None = None) -> None:
         self.study, self.limit = study, limit
 
-    def rows(self, numbers: Iterable[int]) -> Iterator[Row]:
+    def rows(self, numbers: Iterable[int]) -> Iterator[DesignRow]:
         for number in itertools.islice(numbers, self.limit):
             yield run_design(self.study, number)
 

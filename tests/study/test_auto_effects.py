@@ -18,7 +18,7 @@ from tests.support.commands import command
 from validation import Case, InputError, compare, load_case
 from validation.study.comparison.scene import compared_runs
 from validation.study.effects.auto import EffectsDecision, decide_effects, require_wider
-from validation.study.effects.probe import Change, Numbers, change
+from validation.study.effects.probe import Change, Quantities, change
 from validation.study.effects.switches import effects_of, has_effect
 
 #: Finer than the probe's 12 × 2 × 4 elements, and still quick.
@@ -28,9 +28,9 @@ COARSE = ["assembly.layers=2", "mesh.around=12", "mesh.radial=2", "mesh.axial=4"
 ACCEPTED = "plausibility.accept=['contact.clearance']"
 
 
-def numbers(answer: Answer) -> Numbers:
+def numbers(answer: Answer) -> Quantities:
     """What effects are judged by."""
-    return Numbers(*(answer[name].value for name in ("p_max", "p_eff", "max_displacement")))
+    return Quantities(*(answer[name].value for name in ("p_max", "p_eff", "max_displacement")))
 
 
 def decided(case: Case, *keep: str) -> tuple[Case, EffectsDecision]:
@@ -284,6 +284,6 @@ def test_rigid_blocks_of_a_comparison_weigh_as_much() -> None:
 
 
 def test_change_of_nothing_is_no_change() -> None:
-    zero = Numbers(0.0, 0.0, 0.0)
+    zero = Quantities(0.0, 0.0, 0.0)
     assert change(zero, zero).largest == 0.0
-    assert change(zero, Numbers(1.0, 0.0, 0.0)).largest == 1.0
+    assert change(zero, Quantities(1.0, 0.0, 0.0)).largest == 1.0

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from validation import InputError, load_case
-from validation.study.effects.costs import advance, effect_costs, ready, to_rest
+from validation.study.effects.costs import effect_costs, ready, take_steps, to_rest
 
 TINY = ["assembly.layers=1", "mesh.around=12", "mesh.radial=1", "mesh.axial=2"]
 EFFECTS = [
@@ -66,12 +66,12 @@ def test_effects_leave_no_trace_when_off() -> None:
 
     def bits() -> bytes:
         system, state = ready(bare)
-        advance(system, state)
+        take_steps(system, state)
         return b"".join(now.displacement.tobytes() for now in state.bodies)
 
     first = bits()
     system, state = ready(full)
-    advance(system, state)
+    take_steps(system, state)
     forms = compiled_forms()
     assert bits() == first
     assert compiled_forms() == forms

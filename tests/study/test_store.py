@@ -17,9 +17,9 @@ from hypothesis import strategies as st
 from tests.study.designs import WALLS, Here, content
 from validation import InputError
 from validation.study import rowfile
-from validation.study.rowfile import RowFile, StudyRows, write_csv
+from validation.study.rowfile import RowFile, StudyRows, write_row_csv
 from validation.study.run import sweep
-from validation.study.study import SceneStudy, Study, check_study, content_digest, load_study
+from validation.study.study import SceneStudy, Study, check_study, data_digest, load_study
 
 pytestmark = pytest.mark.quick
 
@@ -31,7 +31,7 @@ def row(number: int) -> dict[str, object]:
 
 def filled(path: Path, count: int = 200) -> dict[str, dict[str, object]]:
     """Write rows; return them by what they answer."""
-    rows = {content_digest(number): row(number) for number in range(count)}
+    rows = {data_digest(number): row(number) for number in range(count)}
     store = RowFile(path)
     for question, values in rows.items():
         store.put(question, values)
@@ -125,7 +125,7 @@ def test_other_files_are_left_alone(tmp_path) -> None:
 def test_a_full_disk_ends_in_one_line_and_loses_no_row(tmp_path) -> None:
     """The limit of a file's size stops a write as a full disk does, in the middle of a line."""
     path, store = tmp_path / "full.jsonl", RowFile(tmp_path / "full.jsonl")
-    rows = {content_digest(number): row(number) for number in range(100)}
+    rows = {data_digest(number): row(number) for number in range(100)}
 
     def fill() -> None:
         for question, values in rows.items():
@@ -177,7 +177,7 @@ def test_versions_of_the_program_never_mix_unasked(walls, tmp_path, monkeypatch,
     new = StudyRows(tmp_path / "six.jsonl", walls)
     new.take(_lines(path, tmp_path / "six-older.jsonl", 6))
     assert sweep(new, Here(walls)).computed == 10
-    write_csv(new, tmp_path / "rows.csv")
+    write_row_csv(new, tmp_path / "rows.csv")
     lines = (tmp_path / "rows.csv").read_text().splitlines()
     assert lines[0].endswith(",program")
     assert sum(line.endswith("0.0.9+older") for line in lines) == 6
@@ -241,7 +241,7 @@ def test_a_complete_file_that_cannot_be_written_is_exported(walls, tmp_path, mon
     with pytest.raises(InputError, match="nothing can be written, and results are missing"):
         sweep(StudyRows(half, walls), Here(walls))
     monkeypatch.undo()
-    write_csv(rows, tmp_path / "rows.csv")
+    write_row_csv(rows, tmp_path / "rows.csv")
     assert len((tmp_path / "rows.csv").read_text().splitlines()) == 17
     assert path.read_bytes() == kept
 
@@ -271,9 +271,9 @@ def test_large_whole_numbers_come_back(tmp_path) -> None:
 
 def test_digests_are_the_content() -> None:
     a, b = {"x": 1, "y": [2.0, None]}, {"y": [2.0, None], "x": 1}
-    assert content_digest(a) == content_digest(json.loads(json.dumps(b)))
+    assert data_digest(a) == data_digest(json.loads(json.dumps(b)))
     rng = random.Random(0)
-    digests = {content_digest([rng.random()]) for _ in range(1000)}
+    digests = {data_digest([rng.random()]) for _ in range(1000)}
     assert len(digests) == 1000
 
 

@@ -27,8 +27,8 @@ from tests.study.designs import WALLS, Here, content
 from tests.support import endless
 from tests.support.commands import command
 from validation import InputError, load_case
-from validation.study.design import Row
-from validation.study.rowfile import StudyRows, write_csv
+from validation.study.design import DesignRow
+from validation.study.rowfile import StudyRows, write_row_csv
 from validation.study.run import DaskRunner, LocalRunner, run_design, sweep
 from validation.study.study import Study, check_study, load_study
 
@@ -195,7 +195,7 @@ def test_other_lists_of_values_compute_only_the_designs_that_are_new(
 
 def test_exports_hold_the_same_rows(walls, reference, tmp_path) -> None:
     results = StudyRows(tmp_path / "reference.jsonl", walls)
-    write_csv(results, tmp_path / "rows.csv")
+    write_row_csv(results, tmp_path / "rows.csv")
     rows = list(results.rows())
     with (tmp_path / "rows.csv").open(newline="") as file:
         read = list(csv.DictReader(file))
@@ -335,8 +335,8 @@ def test_what_cannot_be_drawn_is_refused_before_the_work(tubes, axes, message) -
 def test_the_expected_time_is_printed_first_and_where_it_changes() -> None:
     from validation.study.report import Expected
 
-    def row(seconds: float, status: str = "ok") -> Row:
-        return Row(0, status, "", {}, {}, seconds)
+    def row(seconds: float, status: str = "ok") -> DesignRow:
+        return DesignRow(0, status, "", {}, {}, seconds)
 
     expected = Expected(11)
     assert expected.words(row(0.0, "failed")) == ""
@@ -393,11 +393,11 @@ def test_a_killed_worker_process_loses_no_design(many_walls, tmp_path) -> None:
     assert tally.workers >= 3
 
 
-def kill_the_first_worker() -> Callable[[Row], None]:
+def kill_the_first_worker() -> Callable[[DesignRow], None]:
     """What kills the process of the first row, when it is there."""
     killed: list[int] = []
 
-    def kill_once(row: Row) -> None:
+    def kill_once(row: DesignRow) -> None:
         if not killed:
             killed.append(row.worker[0])
             os.kill(row.worker[0], signal.SIGKILL)

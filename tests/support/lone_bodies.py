@@ -14,7 +14,7 @@ from fem.explicit.timed import TimedSystem
 from fem.system.body import Body
 from fem.system.effects import Effects
 from fem.system.forces import Amplitude, ForceRows
-from fem.system.held import Held, held_at, joined
+from fem.system.held import Held, held_at, joined_rows
 from fem.system.system import Contact, System
 from fem.system.time_step import InteractionModel
 from geometry.assembly import Assembly
@@ -105,7 +105,7 @@ def lone_bodies(
         offsets=np.zeros((n, 3)),
         surfaces=contact_surfaces(assembly, np.zeros((n, 3)), clearance=0.0),
         contact=Contact(ExponentialLaw(), ContactNormals.CURRENT),
-        supports=joined([support(bodies) for support in supports]),
+        supports=joined_rows([support(bodies) for support in supports]),
         forces=tuple(load(bodies) for load in loads),
         gravity=None if effects is None else effects.gravity,
     )
@@ -116,5 +116,5 @@ def lone_bodies(
 def with_supports(stated: TimedSystem, *supports: Support) -> TimedSystem:
     """The same with other supports."""
     bodies = stated.system.bodies
-    held = joined([support(bodies) for support in supports])
+    held = joined_rows([support(bodies) for support in supports])
     return replace(stated, system=replace(stated.system, supports=held))

@@ -6,7 +6,7 @@ import itertools
 from pathlib import Path
 
 from geometry import Answer
-from validation.paper.evidence import Evidence, StudyTable
+from validation.paper.evidence import PaperEvidence, StudyTable
 
 AXES = ((0.0, 0.5), (1.0, 1.5, 2.0), (2, 3, 4, 5, 6), (30.0, 40.0, 50.0, 60.0))
 
@@ -29,7 +29,7 @@ def synthetic_study(**changes: float) -> StudyTable:
     return StudyTable(rows, (*AXES, AMPLITUDES), "24 × 4 × 6")
 
 
-class CoarseEvidence(Evidence):
+class CoarseEvidence(PaperEvidence):
     """Evidence on meshes small enough for tests, with the parameter study given."""
 
     def rigid(self, scene: str, *settings: str) -> Answer:

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from validation.paper.deformable_study import read_rows
+from validation.paper.deformable_study import rows_by_design
 from validation.study.optimisation.search import Search
 from validation.study.optimisation.statement import Optimisation, check_optimisation
 
@@ -36,7 +36,7 @@ TENTH = 48
 def stored() -> dict[tuple[float, ...], float]:
     """p_max of each design [MPa], by shift, frequency, blocks, thickness and amplitude."""
     path = Path(str(resources.files("validation"))) / "studies" / "paper-480.csv"
-    return {key: row["p_max"] for key, row in read_rows(path).items()}
+    return {key: row["p_max"] for key, row in rows_by_design(path).items()}
 
 
 def inside(key: tuple[float, ...]) -> float:

@@ -17,8 +17,8 @@ from tests.verification.evidence import (
 from validation import InputError, load_case, solve
 from validation.paper.claims.judge import claims, judge_claims
 from validation.paper.errata import errata, show_errata
-from validation.paper.evidence import Evidence, StudyTable
-from validation.paper.reading import SharedTubes, ingredients, sensitivity, to_the_digit
+from validation.paper.evidence import PaperEvidence, StudyTable
+from validation.paper.reading import SharedTubes, ingredients, reading_variants, to_the_digit
 from validation.paper.tables import compute_tables
 from validation.paper.verdict import Truth
 
@@ -123,7 +123,7 @@ def test_tubes_that_are_built_once_give_the_results_of_each_scene() -> None:
 
 def test_each_ingredient_moves_what_it_says(tmp_path) -> None:
     solve = coarse_evidence(tmp_path).rigid
-    whole, *without = sensitivity(solve)
+    whole, *without = reading_variants(solve)
     assert whole.of == 33
     moved = {item.ingredient: set(item.moved(whole)) for item in without}
     assert set(moved) == {ingredient.name for ingredient in ingredients()}
@@ -149,7 +149,7 @@ def test_there_are_enough_claims_and_every_one_says_where_it_stands() -> None:
     assert len({claim.name for claim in found}) == len(found)
     assert all(claim.text["statement"] and claim.text["place"] for claim in found)
     with pytest.raises(InputError, match="expected one of locked"):
-        judge_claims(Evidence(Path()), ["lockd"])
+        judge_claims(PaperEvidence(Path()), ["lockd"])
 
 
 def test_claims_of_rigid_blocks_are_decided(tmp_path) -> None:

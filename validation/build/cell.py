@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from validation.case import Case
 
 
-def check_cell(case: Case) -> RoundScene:
+def check_cell_of_scene(case: Case) -> RoundScene:
     """Return the scene if a periodic cell can stand for it."""
     scene = case.scene
     head, remedy = f'{case.name}: fem.symmetry = "periodic cell"', 'expected that, or "auto"'
@@ -59,7 +59,7 @@ def check_cell(case: Case) -> RoundScene:
 
 def build_cell(case: Case) -> Assembly:
     """Two layers of a tube and the images that they meet."""
-    tube = check_cell(case)
+    tube = check_cell_of_scene(case)
     with named(case.name):
         assembly = tube.build_cell()
         check_block_size(tube, assembly)

@@ -17,7 +17,7 @@ from geometry.machine.work import LimitError, budget
 from geometry.parts.block_selection import chosen_blocks
 from geometry.parts.measures import Planes, planes
 from geometry.parts.placed import AnyBlocks
-from validation.build.cell import build_cell, check_cell
+from validation.build.cell import build_cell, check_cell_of_scene
 from validation.build.materials import build_materials, friction_of_pairs, laws_of_pairs
 from validation.build.supports import held_at_faces, stands_on_a_face, stated_load
 from validation.errors import InputError, named
@@ -91,7 +91,7 @@ def _build_hexahedra(case: Case) -> LoadCase:
     scene = case.scene
     if isinstance(scene, PolyhedralScene):
         if scene.is_cell:
-            check_cell(case)
+            check_cell_of_scene(case)
         from validation.build.polyhedra import build_own_blocks
 
         return build_own_blocks(scene, case.name)

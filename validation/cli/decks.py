@@ -201,13 +201,13 @@ def deck(
 ) -> None:
     """Read an Abaqus or CalculiX deck, check it, print a summary."""
     from validation.output.decks import (
+        deck_command,
         deck_method,
         draw_deck,
         input_json,
         input_table,
         read_file,
         rewrite,
-        run_command,
         solve_deck,
     )
     from validation.output.outputs import Outputs
@@ -226,7 +226,7 @@ def deck(
         if write is not None:
             written = rewrite(stated, write)
             outputs.say(f"{written.n_bytes / 1e6:.3g} MB", write)
-            outputs.console.print(f"{'run it':9} {run_command(written.deck, write)}")
+            outputs.console.print(f"{'run it':9} {deck_command(written.deck, write)}")
         if picture is not None:
             draw_deck(stated, picture)
             outputs.say("picture", picture)

@@ -58,7 +58,7 @@ def fem(
     Static or explicit: displacements, principal stresses, contact pressures, energies.
     """
     from validation.case import load_case, with_auto
-    from validation.output.command_files import write
+    from validation.output.command_files import write_command_files
 
     case = with_auto(load_case(scene, settings or ()), auto, keep or ())
     if combinations:
@@ -68,7 +68,7 @@ def fem(
     with _outputs(case, json, output, resume, fields=fields) as outputs:
         case, decision = decided(case, outputs.console, keep)
         answer = _solved(case, outputs, resume).with_report(decision)
-        write(answer, outputs)
+        write_command_files(answer, outputs)
         for line in _remedies(answer, outputs, ["tubelock", "fem", scene], settings or ()):
             outputs.console.print(line, soft_wrap=True)
     exit_by(answer, case.method)

@@ -56,12 +56,12 @@ def figures(
 
     from validation.output.outputs import Outputs
     from validation.output.progress import following
-    from validation.paper.evidence import Evidence
+    from validation.paper.evidence import PaperEvidence
     from validation.paper.shown.figures import cost_rows, draw_figures, print_costs
 
     with Outputs(json, output, ("*.png", "*.jsonl")) as outputs:
         with following("figures") as tell:
-            evidence = Evidence(output, tell, deformable=fem, full=full, workers=workers)
+            evidence = PaperEvidence(output, tell, deformable=fem, full=full, workers=workers)
             result = draw_figures(evidence, output)
             costs = cost_rows(evidence)
         print_costs(costs, outputs.console)
@@ -87,14 +87,14 @@ def claims(
     from validation.output.outputs import Outputs
     from validation.output.progress import following
     from validation.paper.claims import judge
-    from validation.paper.evidence import Evidence
+    from validation.paper.evidence import PaperEvidence
     from validation.paper.shown.printing import print_claims
     from validation.statement import chosen_by_name
 
     chosen_by_name(judge.claims(), names, "claim")
     with Outputs(json, _DATA, ("*.jsonl",)) as outputs:
         with following("claims") as tell:
-            evidence = Evidence(_DATA, tell, deformable=fem, full=full, workers=workers)
+            evidence = PaperEvidence(_DATA, tell, deformable=fem, full=full, workers=workers)
             result = judge.judge_claims(evidence, names)
         print_claims(result, outputs.console)
         outputs.write_json(result)
@@ -116,15 +116,15 @@ def deformable(
     """Judge the paper's geometric statements by rigid and by deformable blocks."""
     from validation.output.outputs import Outputs
     from validation.paper import deformable_study as study
-    from validation.paper.shown.deformable_study import draw_study
-    from validation.paper.shown.printing import print_study
+    from validation.paper.shown.deformable_study import draw_deformable_study
+    from validation.paper.shown.printing import print_deformable_study
 
     reads = () if rows is None else (rows,)
     with Outputs(json, output, ("deformable-study-*.png",), reads=reads) as outputs:
         compared = study.Compared(rows)
         data = study.as_json(compared)
-        print_study(data, outputs.console)
-        for name, draw in draw_study(compared):
+        print_deformable_study(data, outputs.console)
+        for name, draw in draw_deformable_study(compared):
             outputs.write("picture", name, draw)
         outputs.write_json(data)
 
@@ -134,14 +134,14 @@ def errata(names: NamesArgument = None, *, json: JsonOption = None) -> None:
     from validation.output.outputs import Outputs
     from validation.output.progress import following
     from validation.paper import errata
-    from validation.paper.evidence import Evidence
+    from validation.paper.evidence import PaperEvidence
     from validation.paper.shown.printing import print_errata
     from validation.statement import chosen_by_name
 
     chosen_by_name(errata.errata(), names, "erratum")
     with Outputs(json, _DATA, ("*.jsonl",)) as outputs:
         with following("errata") as tell:
-            result = errata.show_errata(Evidence(_DATA, tell), names)
+            result = errata.show_errata(PaperEvidence(_DATA, tell), names)
         print_errata(result, outputs.console)
         outputs.write_json(result)
 

@@ -78,7 +78,7 @@ def mbd(
     pressures.
     """
     from validation.case import load_case
-    from validation.output.command_files import FILES, write
+    from validation.output.command_files import FILES, write_command_files
     from validation.output.progress import following
 
     case = load_case(scene, settings or (), method="rigid")
@@ -96,7 +96,7 @@ def mbd(
     with scene_outputs(case, json, output, (*FILES, *kept), fields=fields) as outputs:
         with following(case.name) as show:
             answer = _solved(case, outputs, show)
-        write(answer.beside(_studied(case, answer, asked)), outputs)
+        write_command_files(answer.beside(_studied(case, answer, asked)), outputs)
 
 
 def _solved(case: Case, outputs: Outputs, show: Callable[[Any], None]) -> Answer:

@@ -138,12 +138,12 @@ def read_answer(folder: Path) -> Answer:
     try:
         data = json.loads((folder / FILES[0]).read_text("utf-8"))
         with np.load(folder / FILES[1], allow_pickle=False) as stored:
-            return answer_of(data, {name: stored[name] for name in stored.files})
+            return answer_of_data(data, {name: stored[name] for name in stored.files})
     except _DAMAGES as error:
         raise InputError(f"{folder}: holds a damaged answer ({error}); write it again") from None
 
 
-def answer_of(data: Mapping[str, Any], arrays: Mapping[str, Any] | None = None) -> Answer:
+def answer_of_data(data: Mapping[str, Any], arrays: Mapping[str, Any] | None = None) -> Answer:
     """Answer of the data of `Answer.as_dict`, with the arrays of `write` or without any."""
     beside = (*_HEAD, *_OF_COMMAND)
     report = {name: part for name, part in data.items() if name not in beside}

@@ -55,7 +55,7 @@ def is_meshed(answer: Answer) -> bool:
     return isinstance(answer.details.blocks, Assembly)
 
 
-def write(answer: Answer, outputs: Outputs) -> None:
+def write_command_files(answer: Answer, outputs: Outputs) -> None:
     """Print the table of an answer and write its files."""
     outputs.show(answer.table)
     outputs.tell_keys(answered=True)

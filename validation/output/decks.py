@@ -85,7 +85,7 @@ def export_table(written: WrittenDeck, *, verbose: bool = False) -> RowTable:
         Row("step", f"{step}, {deck.end_time:g} s, smooth step of {deck.ramp_time:g} s"),
         *(Row("notes", note) for note in deck.notes),
         Row("file", f"{written.path}, {written.n_bytes / 1e6:.3g} MB"),
-        Row("run it", run_command(deck, written.path)),
+        Row("run it", deck_command(deck, written.path)),
     ]
     counted = deck.increments
     if counted is not None:
@@ -99,7 +99,7 @@ def export_table(written: WrittenDeck, *, verbose: bool = False) -> RowTable:
     return RowTable(f"{deck.name}: deck for {deck.program}, flavour {deck.flavour}", rows)
 
 
-def run_command(deck: Deck, path: Path) -> str:
+def deck_command(deck: Deck, path: Path) -> str:
     """Command that runs a deck."""
     if deck.is_flat:
         return f"ccx {path.with_suffix('')}"

@@ -18,7 +18,7 @@ from validation.output.command_files import is_meshed, pictures
 from validation.output.pictures.view_3d import View3d, viewer_page, webp
 from validation.output.provenance import Provenance
 from validation.pages.page import page_text
-from validation.pages.verdicts import Verdict, verdicts
+from validation.pages.verdicts import PageVerdict, verdicts
 from validation.pages.views import layer_words, middle_layers, pressure_view, stress_view
 from validation.scene.keys.toml_text import toml_text
 from validation.solving import repeatable, solve
@@ -76,7 +76,7 @@ class SceneReport:
     loads_title: str = ""
 
     @cached_property
-    def verdicts(self) -> list[Verdict]:
+    def verdicts(self) -> list[PageVerdict]:
         """Answers to what a reader asks first."""
         return verdicts(self.rigid, self.deformable, self.failed)
 

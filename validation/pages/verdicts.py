@@ -36,7 +36,7 @@ _STRENGTHS = {
 
 
 @dataclass(frozen=True)
-class Verdict:
+class PageVerdict:
     """A question and its answer."""
 
     question: str
@@ -48,7 +48,9 @@ class Verdict:
     """What stands below it."""
 
 
-def verdicts(rigid: Answer | None, fem: Answer | None, failed: Mapping[str, str]) -> list[Verdict]:
+def verdicts(
+    rigid: Answer | None, fem: Answer | None, failed: Mapping[str, str]
+) -> list[PageVerdict]:
     """Answer the questions of a reader; ``failed`` says why an answer is missing, by its kind."""
     result = [] if rigid is None else [_locked(rigid), _carried(rigid)]
     answer = fem if fem is not None else rigid
@@ -56,9 +58,9 @@ def verdicts(rigid: Answer | None, fem: Answer | None, failed: Mapping[str, str]
     if answer.case.solids is not None:
         result.reverse()  # of masonry the first question is whether it stands
     if "rigid" in failed:
-        result.append(Verdict("Rigid blocks?", "no answer", OPEN, (failed["rigid"],)))
+        result.append(PageVerdict("Rigid blocks?", "no answer", OPEN, (failed["rigid"],)))
     if "fem" in failed:
-        result.append(Verdict("Deformable blocks?", "no answer", BAD, (failed["fem"],)))
+        result.append(PageVerdict("Deformable blocks?", "no answer", BAD, (failed["fem"],)))
     result.append(_how_much(rigid, fem))
     result.append(_how_sure(fem))
     materials = answer.problem.materials
@@ -69,7 +71,7 @@ def verdicts(rigid: Answer | None, fem: Answer | None, failed: Mapping[str, str]
     return result
 
 
-def _locked(rigid: Answer) -> Verdict:
+def _locked(rigid: Answer) -> PageVerdict:
     """Say whether a mechanism exists."""
     found = rigid.details.classification
     words, lines = _LOCKED.get(found.mechanism, "no: a motion exists"), list[str]()
@@ -78,10 +80,10 @@ def _locked(rigid: Answer) -> Verdict:
         words = _LOCKED.get(supported.mechanism, "no: a motion exists")
         lines.append(f"With the supports of this load: {words}.")
     tone = GOOD if found.mechanism is MechanismClass.LOCKED else OPEN
-    return Verdict("Is it locked?", words, tone, tuple(lines))
+    return PageVerdict("Is it locked?", words, tone, tuple(lines))
 
 
-def _carried(rigid: Answer) -> Verdict:
+def _carried(rigid: Answer) -> PageVerdict:
     """Say whether rigid blocks carry the load, and up to which limit."""
     result, lines = rigid.details, [f"load: {rigid.case.load_words}"]
     lines += _lines(rigid.rows["verdict"])
@@ -91,7 +93,7 @@ def _carried(rigid: Answer) -> Verdict:
         words, tone = "not decided", OPEN
     elif verdict.condition:
         words, tone = f"yes,{verdict.condition}", CAUTION if verdict.squeezed else OPEN
-    return Verdict("Does it carry the load?", words, tone, tuple(lines))
+    return PageVerdict("Does it carry the load?", words, tone, tuple(lines))
 
 
 def _lines(rows: Iterable[Row]) -> list[str]:
@@ -104,7 +106,7 @@ def _measures(answer: Answer, names: tuple[str, ...]) -> list[str]:
     return _lines(measure_rows({n: answer.measures[n] for n in names if n in answer.measures}))
 
 
-def _how_much(rigid: Answer | None, fem: Answer | None) -> Verdict:
+def _how_much(rigid: Answer | None, fem: Answer | None) -> PageVerdict:
     """State the largest pressure, tension and displacement, and where they are."""
     lines = [] if fem is None else _measures(fem, _SHOWN)
     of_rigid = [] if rigid is None else _measures(rigid, _SHOWN_RIGID)
@@ -112,17 +114,17 @@ def _how_much(rigid: Answer | None, fem: Answer | None) -> Verdict:
     nothing_acts = rigid is not None and rigid.details.holds
     why_none = "nothing acts" if nothing_acts else "the load is not carried"
     words = lines.pop(0) if lines else f"no forces: {why_none}"
-    return Verdict("Where and how much?", words, OPEN, tuple(lines))
+    return PageVerdict("Where and how much?", words, OPEN, tuple(lines))
 
 
-def _how_sure(fem: Answer | None) -> Verdict:
+def _how_sure(fem: Answer | None) -> PageVerdict:
     """State error bars, or what the rigid answer rests on."""
     if fem is None:
         plain = (
             "Forces between rigid blocks are not unique: those of least norm are shown.",
             "Pressures are means over facets: they depend on the facet size.",
         )
-        return Verdict("How sure is it?", "rigid blocks have no error bars", OPEN, plain)
+        return PageVerdict("How sure is it?", "rigid blocks have no error bars", OPEN, plain)
     measures, accuracy, lines = fem.measures, fem.parts.get("accuracy"), list[str]()
     if isinstance(accuracy, Accuracy):
         lines = _lines(accuracy.rows)
@@ -142,12 +144,12 @@ def _how_sure(fem: Answer | None) -> Verdict:
             worst = max((m.error or 0.0) / abs(m.value) for m in named if m.value)
             words = f"all numbers above are known to {100 * worst:.2g} %"
         tone = GOOD if sure == len(named) else OPEN
-    return Verdict("How sure is it?", words, tone, tuple(lines))
+    return PageVerdict("How sure is it?", words, tone, tuple(lines))
 
 
 def strength_verdict(
     materials: Sequence[Material], measures: Mapping[str, Measure], *, computed: bool
-) -> Verdict:
+) -> PageVerdict:
     """State the load factors at cracking and crushing, or the keys that they need."""
     lines, factors = [], [name for name in FACTORS if name in measures]
     rigid = "" if computed else f" ({OF_RIGID_BLOCKS})"
@@ -170,20 +172,20 @@ def strength_verdict(
             f"--set material.{key}={value}"
         )
     if not factors:
-        return Verdict("When does it fail first?", "not computed", OPEN, tuple(lines))
+        return PageVerdict("When does it fail first?", "not computed", OPEN, tuple(lines))
     words = lines.pop(0)
-    return Verdict("When does it fail first?", words, tone, tuple(lines))
+    return PageVerdict("When does it fail first?", words, tone, tuple(lines))
 
 
-def castable(answer: Answer) -> Verdict:
+def castable(answer: Answer) -> PageVerdict:
     """Say whether walls and joints keep the limits of the scene, with what is built."""
     lines = _lines(answer.parts["dimensions"].rows)
     limits = answer.case.limits
     exceeded = [line for line in lines if "TOO " in line]
     if limits.least_wall is None and limits.steepest_joint is None:
         words = "not checked: set limits.least_wall [mm] and limits.steepest_joint [degrees]"
-        return Verdict("Can it be cast?", words, OPEN, tuple(lines))
+        return PageVerdict("Can it be cast?", words, OPEN, tuple(lines))
     if exceeded:
         others = tuple(line for line in lines if line not in exceeded)
-        return Verdict("Can it be cast?", f"no: {'; '.join(exceeded)}", BAD, others)
-    return Verdict("Can it be cast?", "yes, within the limits of the scene", GOOD, tuple(lines))
+        return PageVerdict("Can it be cast?", f"no: {'; '.join(exceeded)}", BAD, others)
+    return PageVerdict("Can it be cast?", "yes, within the limits of the scene", GOOD, tuple(lines))

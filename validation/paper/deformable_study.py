@@ -17,8 +17,8 @@ import numpy as np
 from validation import InputError
 from validation import read_rows as csv_rows
 from validation.paper.claims.rigid import RIGID_CLAIMS
-from validation.paper.evidence import PATHS, Design, Evidence, StudyTable
-from validation.paper.verdict import Truth, Verdict, judged
+from validation.paper.evidence import PATHS, Design, PaperEvidence, StudyTable
+from validation.paper.verdict import ClaimVerdict, Truth, claim_verdict
 
 RIGID, DEFORMABLE = "paper-480", "paper-480-fem"
 #: Folder of the built-in studies and their rows.
@@ -50,7 +50,7 @@ _BEST: Design = (0.5, 2.0, 2, 60.0, 25.0)
 Rows = dict[Design, dict[str, Any]]
 
 
-def read_rows(path: Path) -> Rows:
+def rows_by_design(path: Path) -> Rows:
     """Rows of a study from the CSV that `tubelock sweep --csv` writes, by design."""
     rows: Rows = {}
     for row in csv_rows(path):
@@ -70,9 +70,9 @@ class Compared:
 
     def __init__(self, path: Path | None = None) -> None:
         """Read the rows: those in the program, deformable ones from another file if named."""
-        rigid = read_rows(_STUDIES / f"{RIGID}.csv")
+        rigid = rows_by_design(_STUDIES / f"{RIGID}.csv")
         self.source = _STUDIES / f"{DEFORMABLE}.csv" if path is None else path
-        deformable = read_rows(self.source)
+        deformable = rows_by_design(self.source)
         self.unresolved = {
             key: str(row["message"] or "p_max is not resolved")
             for key, row in deformable.items()
@@ -148,7 +148,7 @@ def judge_geometry(compared: Compared) -> list[dict[str, Any]]:
     return rows
 
 
-def _row(name: str, statement: str, title: str, verdict: Verdict) -> dict[str, Any]:
+def _row(name: str, statement: str, title: str, verdict: ClaimVerdict) -> dict[str, Any]:
     return {
         "claim": name,
         "statement": statement,
@@ -158,27 +158,29 @@ def _row(name: str, statement: str, title: str, verdict: Verdict) -> dict[str, A
     }
 
 
-def _verdict(judge: Callable[[Evidence], Verdict], compared: Compared, measure: str) -> Verdict:
+def _verdict(
+    judge: Callable[[PaperEvidence], ClaimVerdict], compared: Compared, measure: str
+) -> ClaimVerdict:
     """Judge a claim by another measure; rows that it needs and that are missing leave it open."""
-    evidence = Evidence(Path())
+    evidence = PaperEvidence(Path())
     evidence.__dict__["study"] = compared.table(measure)
     try:
         return judge(evidence)
     except KeyError as missing:
-        return Verdict(Truth.NOT_COMPUTED, f"needs the design {missing}", {})
+        return ClaimVerdict(Truth.NOT_COMPUTED, f"needs the design {missing}", {})
 
 
-def _best(compared: Compared, measure: str) -> Verdict:
+def _best(compared: Compared, measure: str) -> ClaimVerdict:
     """Ask whether the design that the paper names has the least value of the rows."""
     values = compared.table(measure).p_max
     if _BEST not in values:
-        return Verdict(Truth.NOT_COMPUTED, f"needs the design {_BEST}", {})
+        return ClaimVerdict(Truth.NOT_COMPUTED, f"needs the design {_BEST}", {})
     best = min(values, key=lambda key: values[key])
     s, f, n, t, a = best
     rank = 1 + sum(value < values[_BEST] for value in values.values())
     words = f"least at s = {s:g}, f = {f:g}, n = {n}, t = {t:g}, a = {a:g}: {values[best]:.4g}; "
     words += f"the paper's design is number {rank} of {len(values)}: {values[_BEST]:.4g}"
-    return judged(best == _BEST, words)
+    return claim_verdict(best == _BEST, words)
 
 
 def effects(compared: Compared) -> list[dict[str, Any]]:

@@ -12,10 +12,10 @@ import scipy.sparse as sp
 from geometry import RefusedError, SineBlock
 from mbd import contact_jacobian
 from validation import load_case, solve
-from validation.paper.evidence import Evidence, FloatArray, p_max, sine_block
-from validation.paper.reading import Ingredient, ingredients, sensitivity
+from validation.paper.evidence import FloatArray, PaperEvidence, block_of_tube, p_max
+from validation.paper.reading import Ingredient, ingredients, reading_variants
 from validation.paper.reference import reference
-from validation.paper.verdict import Statements, Truth, Verdict
+from validation.paper.verdict import ClaimVerdict, Statements, Truth
 from validation.statement import Statement, chosen_by_name
 
 #: In the order of their demonstrations.
@@ -62,7 +62,7 @@ def _most(n: int, n_bounded: int, **constraints: Any) -> Any:
 
 
 @_ERRATA.add
-def _degenerate_program(_: Evidence) -> Verdict:
+def _degenerate_program(_: PaperEvidence) -> ClaimVerdict:
     settings = ["assembly.layers=2", "mesh.around=24", "mesh.radial=3", "mesh.axial=6"]
     case = load_case("tsb1-pipe", settings, method="rigid")
     contacts = contact_jacobian(case.problem.blocks)
@@ -71,7 +71,7 @@ def _degenerate_program(_: Evidence) -> Verdict:
     optimum, motion = solve_printed_program(transpose)
     opening = solve_corrected_program(transpose)
     mechanism = solve(case).details.mechanism
-    return Verdict(
+    return ClaimVerdict(
         Truth.TRUE,
         f"TSB1, two layers, N_b = {n // 6}: HiGHS finds z* = {optimum:g} = 6 N_b with "
         f"max |δq| = {motion:.1e}; the corrected program gives {abs(opening):.1e}: {mechanism}",
@@ -82,13 +82,13 @@ def _degenerate_program(_: Evidence) -> Verdict:
 def _ingredient(ingredient: Ingredient) -> Statement:
     """Erratum of one ingredient of the reading that gives the tables."""
 
-    def show(evidence: Evidence) -> Verdict:
-        whole, without = sensitivity(evidence.rigid, [ingredient])
+    def show(evidence: PaperEvidence) -> ClaimVerdict:
+        whole, without = reading_variants(evidence.rigid, [ingredient])
         moved = without.moved(whole)
         among = moved or without.differences
         place, error = max(among.items(), key=lambda item: abs(item[1]))
         more = "" if ingredient.more is None else f"; {ingredient.more(evidence.rigid)}"
-        return Verdict(
+        return ClaimVerdict(
             Truth.TRUE,
             f"without this assumption {without.to_the_digit} instead of {whole.to_the_digit} of "
             f"{whole.of} values agree to the last digit: it moves {len(moved)}, {place} from "
@@ -107,7 +107,7 @@ def _wave(block: SineBlock, across: FloatArray) -> FloatArray:
 
 
 @_ERRATA.add
-def _density_unit(evidence: Evidence) -> Verdict:
+def _density_unit(evidence: PaperEvidence) -> ClaimVerdict:
     fem = reference()["fem"]
     run = evidence.case("TSB1", "pipe")
     volume = float(run.details.blocks.volumes[run.details.blocks.free_blocks[0]])
@@ -116,7 +116,7 @@ def _density_unit(evidence: Evidence) -> Verdict:
         "kg/mm³": np.sqrt(fem["young_modulus"] / (1e-3 * fem["density"])) / 1e6,
         "t/mm³": np.sqrt(fem["young_modulus"] / fem["density"]) / 1e6,
     }
-    return Verdict(
+    return ClaimVerdict(
         Truth.TRUE,
         f"a block of {volume / 1e6:.2f} dm³ would weigh {kilograms['kg/mm³']:.4f} kg as printed, "
         f"{kilograms['t/mm³']:.1f} kg with t/mm³; waves would run at {speed['kg/mm³']:.0f} km/s as "
@@ -126,7 +126,7 @@ def _density_unit(evidence: Evidence) -> Verdict:
 
 
 @_ERRATA.add
-def _friction(evidence: Evidence) -> Verdict:
+def _friction(evidence: PaperEvidence) -> ClaimVerdict:
     run = evidence.case("TSB1", "pipe")
     coefficient = reference()["fem"]["friction_coefficient"]
     block = int(run.details.blocks.free_blocks[len(run.details.blocks.free_blocks) // 2])
@@ -137,7 +137,7 @@ def _friction(evidence: Evidence) -> Verdict:
         np.linalg.norm(run.details.load.facet_forces[run.details.load.block == block].sum(axis=0))
     )
     share = coefficient * normal / load
-    return Verdict(
+    return ClaimVerdict(
         Truth.TRUE,
         f"one block of TSB1, pipe: contact forces {normal:.0f} N for a load of {load:.0f} N; "
         f"friction of {coefficient:g} can carry at most {100 * share:.1f} % of the load: small, "
@@ -147,8 +147,8 @@ def _friction(evidence: Evidence) -> Verdict:
 
 
 @_ERRATA.add
-def _half_block(_: Evidence) -> Verdict:
-    block = sine_block(load_case("tsb1-pipe"))
+def _half_block(_: PaperEvidence) -> ClaimVerdict:
+    block = block_of_tube(load_case("tsb1-pipe"))
     half = block.inner_radius * np.sqrt(2 * (1 - np.cos(np.pi / block.blocks_per_layer)))
     whole = 2 * block.inner_radius * np.sin(np.pi / block.blocks_per_layer)
     across = np.linspace(0.0, 1.0, 3001)
@@ -158,7 +158,7 @@ def _half_block(_: Evidence) -> Verdict:
         refusal = repr(load_case("tsb1-pipe", ["block.frequency=0.75"]).problem)
     except RefusedError as error:
         refusal = str(error).split(";")[0]
-    return Verdict(
+    return ClaimVerdict(
         Truth.TRUE,
         f"printed ℓ = {half:.1f} mm, a block's chord is {whole:.1f} mm; f = 1.5 on ℓ gives the "
         f"{valleys} valleys per block that the paper counts; f = 1.5 on the whole block would be "
@@ -168,15 +168,15 @@ def _half_block(_: Evidence) -> Verdict:
 
 
 @_ERRATA.add
-def _layer_shift(_: Evidence) -> Verdict:
-    block = sine_block(load_case("tsb1-pipe"))
+def _layer_shift(_: PaperEvidence) -> ClaimVerdict:
+    block = block_of_tube(load_case("tsb1-pipe"))
     across = np.linspace(0.0, 1.0, 3001)
 
     def misfit(turn: float) -> float:
         return float(np.abs(_wave(block, across) - _wave(block, across + turn)).max())
 
     third = int(block.frequency) / block.waves_per_block
-    return Verdict(
+    return ClaimVerdict(
         Truth.TRUE,
         f"TSB1: turned by half a block the faces miss each other by up to {misfit(0.5):.1f} mm; "
         f"turned by {third:.3f} of a block (one wave) by {misfit(third):.1e} mm",
@@ -185,12 +185,12 @@ def _layer_shift(_: Evidence) -> Verdict:
 
 
 @_ERRATA.add
-def _one_wave(evidence: Evidence) -> Verdict:
+def _one_wave(evidence: PaperEvidence) -> ClaimVerdict:
     """Three designs of the study with either turn: what the paper says holds for one of them."""
     by_frequency = {f: p_max(evidence.tsb((0.0, f, 6, 30.0, 25.0))) for f in (1.0, 1.5, 2.0)}
     other = replace(evidence, turn="half block")
     half = p_max(other.tsb((0.0, 2.0, 6, 30.0, 25.0)))
-    return Verdict(
+    return ClaimVerdict(
         Truth.TRUE,
         "n = 6, a = 25, t = 30: turned by one wave p_max is "
         + ", ".join(f"{p:.3f} (f = {f:g})" for f, p in by_frequency.items())
@@ -201,18 +201,18 @@ def _one_wave(evidence: Evidence) -> Verdict:
 
 
 @_ERRATA.add
-def _pillar_frames(evidence: Evidence) -> Verdict:
+def _pillar_frames(evidence: PaperEvidence) -> ClaimVerdict:
     words, values = [], {}
     for block in ("TSB1", "TSB2", "THB0"):
         tube = evidence.case(block, "pillar").details
         held, free = str(tube.mechanism), str(tube.supported_classification.mechanism)
         words.append(f"{block}: {held} with both frames held, {free} with the top frame free")
         values[block] = {"held": held, "released": free}
-    return Verdict(Truth.TRUE, "; ".join(words), values)
+    return ClaimVerdict(Truth.TRUE, "; ".join(words), values)
 
 
 @_ERRATA.add
-def _rotation_variation(_: Evidence) -> Verdict:
+def _rotation_variation(_: PaperEvidence) -> ClaimVerdict:
     rng = np.random.default_rng(0)
     axis = rng.standard_normal(3)
     skew = np.cross(np.eye(3), axis / np.linalg.norm(axis))
@@ -224,7 +224,7 @@ def _rotation_variation(_: Evidence) -> Verdict:
     size = float(np.linalg.norm(body))
     wrong = float(np.linalg.norm(body - printed)) / size
     right = float(np.linalg.norm(body - spatial)) / size
-    return Verdict(
+    return ClaimVerdict(
         Truth.TRUE,
         f"a turn of 1 rad, random vectors: R [δθ]ₓ s differs from δθ × R s by {100 * wrong:.0f} %, "
         f"from (R δθ) × R s by {right:.0e}; at R = I, where everything is evaluated, both agree",
@@ -233,9 +233,9 @@ def _rotation_variation(_: Evidence) -> Verdict:
 
 
 @_ERRATA.add
-def _captions(_: Evidence) -> Verdict:
+def _captions(_: PaperEvidence) -> ClaimVerdict:
     principal = np.linalg.eigvalsh(np.diag([2.0, -1.0, 0.5]))[::-1]
-    return Verdict(
+    return ClaimVerdict(
         Truth.TRUE,
         f"σ₁, σ₂, σ₃ of diag(2, -1, 0.5) = {', '.join(f'{v:g}' for v in principal)}: the smallest "
         "is σ₃; ten planes are announced, four heights are printed",
@@ -248,7 +248,7 @@ def errata() -> list[Statement]:
     return [_ERRATA[0], *(_ingredient(ingredient) for ingredient in ingredients()), *_ERRATA[1:]]
 
 
-def show_errata(evidence: Evidence, names: list[str] | None = None) -> list[dict[str, Any]]:
+def show_errata(evidence: PaperEvidence, names: list[str] | None = None) -> list[dict[str, Any]]:
     """Demonstrate all errata, or some by name (`chosen_by_name`), with the command that does it."""
     rows = []
     for erratum in chosen_by_name(errata(), names, "erratum"):

@@ -99,7 +99,7 @@ def nobody(*_: object) -> None:
 
 
 @dataclass
-class Evidence:
+class PaperEvidence:
     """Everything computed for the paper, once."""
 
     folder: Path
@@ -133,7 +133,7 @@ class Evidence:
         other = self._swept(HALF_BLOCK_STUDY, "half-block study")
         return replace(self.study, rows=self.study.rows | other.rows)
 
-    def with_half_block(self) -> Evidence:
+    def with_half_block(self) -> PaperEvidence:
         """Return the same evidence, the parameter study with the half-block turn."""
         other = replace(self, turn="half block")
         other.__dict__["study"] = self.half_block
@@ -210,12 +210,12 @@ class Evidence:
         return answer
 
 
-def sine_block(case: Case) -> SineBlock:
+def block_of_tube(case: Case) -> SineBlock:
     """Return the block that the scene of a tube states."""
     return SineBlock(**{key: value for key, value in case.keys["block"].items() if key != "type"})
 
 
-def measures_of(run: Answer) -> Any:
+def paper_measures_of(run: Answer) -> Any:
     """Return the paper's measures of a tube that its contacts hold in equilibrium."""
     measures = run.details.measures
     assert measures is not None
@@ -224,4 +224,4 @@ def measures_of(run: Answer) -> Any:
 
 def p_max(run: Answer) -> float:
     """Max–mean contact pressure of such a tube [MPa]."""
-    return float(measures_of(run).p_max)
+    return float(paper_measures_of(run).p_max)

@@ -233,7 +233,7 @@ def ingredients() -> tuple[Ingredient, ...]:
 
 
 @dataclass(frozen=True)
-class Sensitivity:
+class ReadingVariant:
     """The tables without one ingredient of the reading."""
 
     ingredient: str
@@ -257,7 +257,7 @@ class Sensitivity:
         """What is left out, in words."""
         return f"without {self.ingredient}"
 
-    def moved(self, whole: Sensitivity) -> dict[str, float]:
+    def moved(self, whole: ReadingVariant) -> dict[str, float]:
         """Return the errors of the numbers that are not those of another reading."""
         return {
             place: error
@@ -266,7 +266,9 @@ class Sensitivity:
         }
 
 
-def sensitivity(solve: Solve, chosen: Sequence[Ingredient] | None = None) -> list[Sensitivity]:
+def reading_variants(
+    solve: Solve, chosen: Sequence[Ingredient] | None = None
+) -> list[ReadingVariant]:
     """Leave out one ingredient after the other, by default of all; first, the reading as it is."""
     rows = [
         (block, case, {q: row[q] for q in DECIMALS})
@@ -285,7 +287,7 @@ def sensitivity(solve: Solve, chosen: Sequence[Ingredient] | None = None) -> lis
 
 def _entry(
     name: str, rows: list[tuple[str, str, dict[str, float]]], values: list[Values]
-) -> Sensitivity:
+) -> ReadingVariant:
     values_by_place, differences, met = {}, {}, 0
     for (block, case, printed), ours in zip(rows, values, strict=True):
         for quantity, number in printed.items():
@@ -294,4 +296,4 @@ def _entry(
             place = f"{block} {case} {quantity}"
             values_by_place[place] = value
             differences[place] = float("nan") if value is None else value / number - 1
-    return Sensitivity(name, met, len(values_by_place), values_by_place, differences)
+    return ReadingVariant(name, met, len(values_by_place), values_by_place, differences)

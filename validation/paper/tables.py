@@ -72,7 +72,7 @@ def _rows(printed: dict[str, Any], run: Answer, physical: Answer) -> Iterator[di
         }
 
 
-def number(quantity: str, value: float | None, more: int = 0) -> str:
+def printed_number(quantity: str, value: float | None, more: int = 0) -> str:
     """Write a number with as many decimals as the paper prints, or some more."""
     return "no equilibrium" if value is None else f"{value:.{DECIMALS[quantity] + more}f}"
 
@@ -100,11 +100,11 @@ def lines_by_block(tables: dict[str, Any]) -> dict[str, list[dict[str, Any]]]:
                 off, q = row["relative_difference"], row["quantity"]
                 words = {
                     "quantity": HEADS[q],
-                    "paper": number(q, row["paper"]),
-                    "ours": number(q, row["ours"], 2),
+                    "paper": printed_number(q, row["paper"]),
+                    "ours": printed_number(q, row["ours"], 2),
                     "difference": "" if off is None else f"{100 * off:+.1f} %",
                     "same": row["to_the_digit"],
-                    "physics": number(q, row["physical"], 2),
+                    "physics": printed_number(q, row["physical"], 2),
                 }
                 lines.append({"case": c["case"]} | words)
     return by_block

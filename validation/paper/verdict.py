@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import Any, TypeAlias
 
-from validation.paper.evidence import Evidence
+from validation.paper.evidence import PaperEvidence
 from validation.paper.reference import statements
 from validation.statement import Statement
 
@@ -28,7 +28,7 @@ class Truth(StrEnum):
 
 
 @dataclass(frozen=True)
-class Verdict:
+class ClaimVerdict:
     """What was computed for a claim."""
 
     truth: Truth
@@ -38,7 +38,7 @@ class Verdict:
     """The same as data."""
 
 
-Judge: TypeAlias = Callable[[Evidence], Verdict]
+Judge: TypeAlias = Callable[[PaperEvidence], ClaimVerdict]
 
 
 class Statements(list[Statement]):
@@ -57,9 +57,9 @@ class Statements(list[Statement]):
         return judge
 
 
-NOT_COMPUTED = Verdict(Truth.NOT_COMPUTED, "needs the deformable run: add --fem", {})
+NOT_COMPUTED = ClaimVerdict(Truth.NOT_COMPUTED, "needs the deformable run: add --fem", {})
 
 
-def judged(holds: bool, number: str, **values: Any) -> Verdict:
+def claim_verdict(holds: bool, number: str, **values: Any) -> ClaimVerdict:
     """Return the verdict of a computed claim."""
-    return Verdict(Truth.TRUE if holds else Truth.FALSE, number, values)
+    return ClaimVerdict(Truth.TRUE if holds else Truth.FALSE, number, values)

@@ -22,7 +22,7 @@ CASES: list[Statement] = []
 
 
 @dataclass(frozen=True)
-class Verdict:
+class CaseVerdict:
     """What a case found."""
 
     kind: Literal["green", "refused", "red"]
@@ -31,7 +31,7 @@ class Verdict:
     """All numbers with their bounds, and the message of what was rejected."""
 
 
-def judged(*numbers: Number, message: str | None = None) -> Verdict:
+def case_verdict(*numbers: Number, message: str | None = None) -> CaseVerdict:
     """Verdict of numbers, and of the message where the honest answer is a refusal."""
     parts, holds = [], bool(numbers) or message is not None
     for quantity, value, *bound in numbers:
@@ -44,26 +44,26 @@ def judged(*numbers: Number, message: str | None = None) -> Verdict:
         parts.append(f"“{message}”")
     proof = "; ".join(parts)
     if not holds:
-        return Verdict("red", proof)
-    return Verdict("green" if message is None else "refused", proof)
+        return CaseVerdict("red", proof)
+    return CaseVerdict("green" if message is None else "refused", proof)
 
 
 def rejected(
     call: Callable[[], object], error: type[Exception] | tuple[type[Exception], ...], *words: str
-) -> Verdict:
+) -> CaseVerdict:
     """Expect ``call`` to reject its input with a message that contains ``words``."""
     try:
         call()
     except error as why:
         missing = [word for word in words if word not in str(why)]
         number = ("words missing from the message", float(len(missing)), 0.0)
-        return judged(number, message=str(why))
-    return Verdict("red", "VIOLATED: nothing was rejected")
+        return case_verdict(number, message=str(why))
+    return CaseVerdict("red", "VIOLATED: nothing was rejected")
 
 
 def case(
     name: str = "", law: str = "", *, slow: bool = False
-) -> Callable[[Callable[[], Verdict]], Callable[[], Verdict]]:
+) -> Callable[[Callable[[], CaseVerdict]], Callable[[], CaseVerdict]]:
     """Add a function to the cases of its module.
 
     Parameters
@@ -74,7 +74,7 @@ def case(
         Whether it takes more than three CPU seconds once everything is compiled.
     """
 
-    def register(run: Callable[[], Verdict]) -> Callable[[], Verdict]:
+    def register(run: Callable[[], CaseVerdict]) -> Callable[[], CaseVerdict]:
         function: Any = run.func if isinstance(run, partial) else run
         words = " ".join((law or function.__doc__).split()).removesuffix(".")
         text = {"subject": function.__module__.split(".")[2].replace("_", "-"), "law": words}

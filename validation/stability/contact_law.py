@@ -9,8 +9,15 @@ import numpy as np
 from fem.contact.law import ContactLaw, ExponentialLaw
 from fem.contact.surfaces import ContactError
 from fem.static.solve import StaticOptions, static_state
-from validation.stability.case import Verdict, case, judged, rejected
-from validation.stability.problems import BRICK, COLUMN, deformable, pressed, relative, stack
+from validation.stability.case import CaseVerdict, case, case_verdict, rejected
+from validation.stability.problems import (
+    BRICK,
+    COLUMN,
+    deformable,
+    pressed,
+    relative_difference,
+    stack,
+)
 
 #: The usual law a hundred times stiffer.
 STIFF_LAW = ExponentialLaw(1e-5, 1e-4, maximum_stiffness=1e5)
@@ -18,7 +25,7 @@ STIFF_LAW = ExponentialLaw(1e-5, 1e-4, maximum_stiffness=1e5)
 TOLERANCE = 1e-10
 
 
-def pressed_column(pressure: float, law: ContactLaw | None = None) -> Verdict:
+def pressed_column(pressure: float, law: ContactLaw | None = None) -> CaseVerdict:
     """Two bricks and a third on a fixed one, pressed from above [MPa].
 
     Every joint carries the pressure; the top sinks by the bricks' and the joints' shares.
@@ -37,34 +44,34 @@ def pressed_column(pressure: float, law: ContactLaw | None = None) -> Verdict:
     top = -float(result.displacements[0][-1, :, 2].min())
     # The imbalance of a joint's four points is at most the norm of all imbalances, twice the
     # residual where few points carry it.
-    off, bound = relative(result.pressures, np.array(pressure)), max(1e-6, 2 * reachable)
-    return judged(
+    off, bound = relative_difference(result.pressures, np.array(pressure)), max(1e-6, 2 * reachable)
+    return case_verdict(
         ("residual", result.evidence.residual, reachable),
         ("joint pressures against the load", off, bound),
-        ("top against the closed form", relative(top, sunk), 1e-6),
+        ("top against the closed form", relative_difference(top, sunk), 1e-6),
     )
 
 
 @case("pressure-1e-8")
-def low_pressure() -> Verdict:
+def low_pressure() -> CaseVerdict:
     """Contact pressure of 1e-8 MPa: a pressed column has its closed form."""
     return pressed_column(1e-8)
 
 
 @case("pressure-1e3")
-def high_pressure() -> Verdict:
+def high_pressure() -> CaseVerdict:
     """Contact pressure of 1e3 MPa: a pressed column has its closed form."""
     return pressed_column(1e3)
 
 
 @case()
-def law_100_times_stiffer() -> Verdict:
+def law_100_times_stiffer() -> CaseVerdict:
     """Law a hundred times stiffer (c0/100, cap × 100): a pressed column has its closed form."""
     return pressed_column(0.01, STIFF_LAW)
 
 
 @case()
-def law_inverse() -> Verdict:
+def law_inverse() -> CaseVerdict:
     """Law and inverse from 1e-8 to 1e3 MPa: round trip; slope is dp/dx."""
     law = ExponentialLaw(maximum_stiffness=math.inf)
     pressure = np.logspace(-8, 3, 100)
@@ -75,11 +82,11 @@ def law_inverse() -> Verdict:
     # a hundred times that where the overclosure is 1e-2 of c0.
     back = float(np.abs(law.pressure(overclosure) / pressure - 1.0).max())
     off = float(np.abs(law.stiffness(overclosure) / slope - 1.0).max())
-    return judged(("round trip", back, 1e-10), ("slope", off, 1e-5))
+    return case_verdict(("round trip", back, 1e-10), ("slope", off, 1e-5))
 
 
 @case("overclosure-1-mm")
-def overclosed() -> Verdict:
+def overclosed() -> CaseVerdict:
     """Blocks 1 mm inside each other at the start: rejected, pair named."""
     assembly = stack(2)
     load, words = pressed(assembly, 0.01), ("overlap at the start", "between blocks")

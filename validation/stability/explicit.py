@@ -18,7 +18,7 @@ from fem.explicit.solve import (
     UnstableRun,
     initial_state,
     prepare,
-    solve,
+    run_explicit,
 )
 from fem.explicit.solve import watch as watch_energy
 from fem.explicit.step import step as central_difference_step
@@ -29,7 +29,7 @@ from fem.system.system import System
 from fem.system.time_step import TimeStepError
 from geometry.block import box_block
 from geometry.mesh import FloatArray
-from validation.stability.case import Verdict, case, judged, rejected
+from validation.stability.case import CaseVerdict, case, case_verdict, rejected
 from validation.stability.contact_law import STIFF_LAW
 from validation.stability.problems import (
     COLUMN,
@@ -38,7 +38,7 @@ from validation.stability.problems import (
     held_nodes,
     one_block,
     pressed,
-    relative,
+    relative_difference,
     stack,
 )
 
@@ -60,37 +60,39 @@ def noise(model: TimedSystem, size: float) -> tuple[FloatArray, ...]:
     return tuple(size * rng.standard_normal((g.n_copies, g.n_nodes, 3)) for g in model.bodies)
 
 
-def settled(
+def settled_column(
     stated: System, *, ramp: float, end: float, residual: float = 1e-5
 ) -> tuple[Run, FloatArray]:
     """Run a pressed column to its static state; the run and its contact pressures [MPa]."""
     damped = Effects(adaptive_mass_damping=AdaptiveMassDamping())
     whole = timed_system(stated, effects=damped, ramp_time=ramp)
     stop = StopCriterion(residual=residual, not_before=ramp)
-    result = solve(whole, end_time=end, stop=stop)
+    result = run_explicit(whole, end_time=end, stop=stop)
     return result, contact_state(stated, whole.expand(result.displacements)).point_pressures
 
 
 @case("time-step-0.99")
-def below_critical() -> Verdict:
+def below_critical() -> CaseVerdict:
     """0.99 of the critical step, all modes excited: energy is kept."""
     model = free_cube()
     critical, start = model.critical.critical_time_step, noise(model, 100.0)
-    result = solve(model, end_time=5000 * critical, time_step=0.99 * critical, velocities=start)
-    return judged(("energy balance of 5 000 steps", result.energy_balance, 1e-9))
+    result = run_explicit(
+        model, end_time=5000 * critical, time_step=0.99 * critical, velocities=start
+    )
+    return case_verdict(("energy balance of 5 000 steps", result.energy_balance, 1e-9))
 
 
 @case("time-step-1.01")
-def above_critical() -> Verdict:
+def above_critical() -> CaseVerdict:
     """1.01 of the critical step: rejected."""
     model = free_cube()
     too_long, words = 1.01 * model.critical.critical_time_step, "at most the critical time step"
-    run = partial(solve, model, end_time=1e-3, time_step=too_long)
+    run = partial(run_explicit, model, end_time=1e-3, time_step=too_long)
     return rejected(run, TimeStepError, "expected", words)
 
 
 @case("time-step-1.01-forced")
-def forced() -> Verdict:
+def forced() -> CaseVerdict:
     """1.01 of the critical step past the door: the watchdog stops the run, nothing infinite."""
     model = free_cube()
     system = prepare(model, time_step=1.01 * model.critical.critical_time_step)
@@ -107,11 +109,11 @@ def forced() -> Verdict:
 
     stopped = rejected(run, UnstableRun, "unstable", "take a smaller")
     finite = bool(np.isfinite(state.bodies[0].displacement).all())
-    return stopped if finite else judged(("finite at the stop", finite, "==", 1))
+    return stopped if finite else case_verdict(("finite at the stop", finite, "==", 1))
 
 
 @case()
-def impact_10_m_per_s() -> Verdict:
+def impact_10_m_per_s() -> CaseVerdict:
     """A brick hits its support at 10 m/s, undamped: rejected, or less error with a shorter step.
 
     Contact is capped at 1000 MPa/mm. The energy of the largest step rejects it; half and a quarter
@@ -127,7 +129,7 @@ def impact_10_m_per_s() -> Verdict:
     velocity = np.zeros((1, group.n_nodes, 3))
     velocity[:, :, 2] = -IMPACT_SPEED
 
-    run = partial(solve, model, end_time=1e-4, velocities=(velocity,), sample_interval=1)
+    run = partial(run_explicit, model, end_time=1e-4, velocities=(velocity,), sample_interval=1)
     words = "differ from the external work"
     stopped = rejected(lambda: run(safety_factor=0.9), UnstableRun, words)
     half, quarter = run(safety_factor=0.45), run(safety_factor=0.225)
@@ -136,7 +138,7 @@ def impact_10_m_per_s() -> Verdict:
     # The blow is a vibration near the stability limit (ω Δt close to 2), which misplaces energy.
     # The scheme is of second order where the law is smooth, of first across its kinks: half a step
     # gives a half to a quarter.
-    return judged(
+    return case_verdict(
         ("contact energy over kinetic at the start", contact / start, ">=", 0.01),
         ("rejected at 0.9 of the step", stopped.kind == "refused", "==", 1),
         ("energy balance at 0.45", half.energy_balance, LARGEST_IMBALANCE),
@@ -145,7 +147,7 @@ def impact_10_m_per_s() -> Verdict:
 
 
 @case()
-def rotation_360() -> Verdict:
+def rotation_360() -> CaseVerdict:
     """A cube turns by 360°: no strain but the centrifugal, energy is kept."""
     model = free_cube(Effects(finite_rotation=True))
     group = model.bodies[0]
@@ -153,7 +155,9 @@ def rotation_360() -> Verdict:
     period = 4000 * critical
     arm = group.mesh.nodes - group.mesh.nodes.mean(axis=0)
     spin = 2.0 * np.pi / period
-    result = solve(model, end_time=period, velocities=(np.cross([0.0, 0.0, spin], arm)[None],))
+    result = run_explicit(
+        model, end_time=period, velocities=(np.cross([0.0, 0.0, spin], arm)[None],)
+    )
     moved, velocity = result.displacements[0][0], result.velocities[0][0]
     end = arm + moved - 0.5 * result.time_step * velocity
     before, after = (
@@ -165,71 +169,73 @@ def rotation_360() -> Verdict:
     stretch = CONCRETE.density * (spin * 10.0) ** 2 / CONCRETE.young_modulus
     back = float(np.abs(moved).max())
     allowed = 10.0 * (stretch + 2.0 * np.pi * (result.time_step / period + 1e-4))
-    return judged(
-        ("angular momentum", relative(after, before), 1e-5),
+    return case_verdict(
+        ("angular momentum", relative_difference(after, before), 1e-5),
         ("energy balance", result.energy_balance, 1e-5),
         ("distance from the start [mm]", back, allowed),
     )
 
 
 @case(slow=True)
-def steps_1e6() -> Verdict:
+def steps_1e6() -> CaseVerdict:
     """A million steps of a held element: energy is kept."""
     cube = box_block((10.0, 10.0, 10.0), (1, 1, 1))
     held = held_nodes(np.flatnonzero(cube.mesh.nodes[:, 2] == 0.0))
     model = timed_system(one_block(cube, supports=held), ramp_time=0.0, end_time=1.0)
     end, start = 1e6 * 0.9 * model.critical.critical_time_step, noise(model, 100.0)
-    result = solve(model, end_time=end, velocities=start, sample_interval=10_000)
+    result = run_explicit(model, end_time=end, velocities=start, sample_interval=10_000)
     # Round-off walks: sqrt(1e6) eps = 2e-13 in velocity, ten times that at worst in energy.
     balance = result.energy_balance
-    return judged(("steps", result.n_steps, ">=", 1e6), ("energy balance", balance, 1e-9))
+    return case_verdict(("steps", result.n_steps, ">=", 1e6), ("energy balance", balance, 1e-9))
 
 
 @case()
-def zero_load_explicit() -> Verdict:
+def zero_load_explicit() -> CaseVerdict:
     """No load, blocks that just touch, linear law: rest, exactly."""
     assembly = stack(2, top_fixed=True)
     stated = deformable(assembly, pressed(stack(2), 0.0), law=LinearPenalty(100.0))
     model = timed_system(replace(stated, forces=()))
-    result = solve(model, end_time=200 * model.critical.critical_time_step)
+    result = run_explicit(model, end_time=200 * model.critical.critical_time_step)
     largest = max(float(np.abs(u).max()) for u in result.displacements)
-    return judged(("largest displacement [mm]", largest, 0.0))
+    return case_verdict(("largest displacement [mm]", largest, 0.0))
 
 
 @case(slow=True)
-def density_ratio_1e6() -> Verdict:
+def density_ratio_1e6() -> CaseVerdict:
     """Neighbours whose densities differ by 1e6: static joint pressures."""
     # The exponential law presses stiffly: the column comes to rest in a tenth of the steps.
     pressure, light = 1.0, replace(COLUMN, density=1e-6 * COLUMN.density)
     load, materials = pressed(stack(1), pressure), (COLUMN, COLUMN, light)
     stated = deformable(stack(1), load, material=materials)
-    result, pressures = settled(stated, ramp=1e-5, end=2e-2, residual=1e-3)
-    return judged(
+    result, pressures = settled_column(stated, ramp=1e-5, end=2e-2, residual=1e-3)
+    return case_verdict(
         ("residual", result.residual if result.residual is not None else np.nan, 1e-3),
         ("energy balance", result.energy_balance, 1e-2),
-        ("joint pressures", relative(pressures, np.array(pressure)), 1e-2),
+        ("joint pressures", relative_difference(pressures, np.array(pressure)), 1e-2),
     )
 
 
 @case()
-def stiff_law_explicit() -> Verdict:
+def stiff_law_explicit() -> CaseVerdict:
     """Law a hundred times stiffer: the step shrinks, energy is kept."""
     load, laws = pressed(stack(1), 0.01), (ExponentialLaw(), STIFF_LAW)
-    runs = [settled(deformable(stack(1), load, law=law), ramp=5e-4, end=2e-2) for law in laws]
+    runs = [
+        settled_column(deformable(stack(1), load, law=law), ramp=5e-4, end=2e-2) for law in laws
+    ]
     (usual, _), (stiff, _) = runs
-    return judged(
+    return case_verdict(
         ("time step, stiff over usual", stiff.time_step / usual.time_step, 1.0),
         ("energy balance", max(run.energy_balance for run, _ in runs), 1e-2),
-        ("joint pressures", max(relative(p, np.array(0.01)) for _, p in runs), 1e-2),
+        ("joint pressures", max(relative_difference(p, np.array(0.01)) for _, p in runs), 1e-2),
     )
 
 
 @case()
-def mechanism_driven_explicit() -> Verdict:
+def mechanism_driven_explicit() -> CaseVerdict:
     """A column pushed sideways without friction: the run says that it is not static."""
     assembly = stack(1)
     stated = deformable(assembly, pressed(assembly, 0.01, face="inner"))
-    result, _ = settled(stated, ramp=2e-4, end=4e-3)
+    result, _ = settled_column(stated, ramp=2e-4, end=4e-3)
     report = quasi_static_report(result)
     assert report is not None
-    return judged(("called static", report.is_static, "==", 0), message=report.verdict)
+    return case_verdict(("called static", report.is_static, "==", 0), message=report.verdict)

@@ -12,13 +12,13 @@ from fem.element.kinds import block_stiffness
 from fem.element.material import Material
 from fem.static.solve import static_state
 from fem.system.forces import ForceRows
-from fem.system.held import joined
+from fem.system.held import joined_rows
 from geometry.block import box_block
 from geometry.errors import RefusedError
 from geometry.families.sine_block import TSB1
 from geometry.mesh import HexMesh, MeshError, boundary_quads, check_mesh
 from validation.case import load_case
-from validation.stability.case import Number, Verdict, case, judged, rejected
+from validation.stability.case import CaseVerdict, Number, case, case_verdict, rejected
 from validation.stability.problems import (
     BRICK,
     CONCRETE,
@@ -26,9 +26,9 @@ from validation.stability.problems import (
     held_nodes,
     one_block,
     pressed,
-    relative,
+    relative_difference,
     stack,
-    tube,
+    tsb1_tube,
 )
 
 
@@ -55,18 +55,18 @@ def distorted(size: tuple[float, float, float]) -> HexMesh:
     return HexMesh(nodes, mesh.elements)
 
 
-def _patches(mesh: HexMesh) -> Verdict:
-    return judged(*(affine_patch(mesh, kind, CONCRETE) for kind in ElementType))
+def _patches(mesh: HexMesh) -> CaseVerdict:
+    return case_verdict(*(affine_patch(mesh, kind, CONCRETE) for kind in ElementType))
 
 
 @case()
-def aspect_1_200() -> Verdict:
+def aspect_1_200() -> CaseVerdict:
     """Distorted elements of aspect 1:200: patch test, every element type."""
     return _patches(distorted((200.0, 200.0, 1.0)))
 
 
 @case()
-def angle_2_degrees() -> Verdict:
+def angle_2_degrees() -> CaseVerdict:
     """Elements with angles of 2°: patch test, every element type."""
     mesh = box_block((4.0, 4.0, 4.0), (4, 4, 4)).mesh
     nodes = mesh.nodes.copy()
@@ -75,7 +75,7 @@ def angle_2_degrees() -> Verdict:
 
 
 @case()
-def inverted_element() -> Verdict:
+def inverted_element() -> CaseVerdict:
     """A hexahedron turned inside out: rejected, the element named."""
     mesh = box_block((2.0, 2.0, 2.0), (2, 2, 2)).mesh
     nodes = mesh.nodes.copy()
@@ -84,7 +84,7 @@ def inverted_element() -> Verdict:
 
 
 @case("poisson-0.4999")
-def incompressible() -> Verdict:
+def incompressible() -> CaseVerdict:
     """ν = 0.4999, confined compression: p L / (λ + 2μ), every element."""
     rubber = Material(density=1e-9, young_modulus=10.0, poisson_ratio=0.4999)
     block = box_block((10.0, 10.0, 10.0), (2, 2, 2))
@@ -97,7 +97,7 @@ def incompressible() -> Verdict:
     inside = ((mesh.nodes[top, :2] > 0.0) & (mesh.nodes[top, :2] < 10.0)).sum(axis=1)
     share[top, 2] = -pressure * 100.0 * 2.0**inside / 16.0
     given: Any = {
-        "supports": joined([sides, bottom]),
+        "supports": joined_rows([sides, bottom]),
         "forces": (ForceRows(every, share),),
     }
     expected, checks = pressure * 10.0 / rubber.constrained_modulus, list[Number]()
@@ -105,8 +105,8 @@ def incompressible() -> Verdict:
         result = static_state(one_block(block, rubber, element=kind, **given))
         sunk = -result.displacements[0][0, top, 2].mean()
         # Round-off times the ratio of bulk and shear modulus, 5 000.
-        checks.append((f"{kind}: sinking", relative(sunk, expected), 1e-9))
-    return judged(*checks)
+        checks.append((f"{kind}: sinking", relative_difference(sunk, expected), 1e-9))
+    return case_verdict(*checks)
 
 
 def _deflection(divisions: tuple[int, int, int], element: ElementType, ratio: float) -> float:
@@ -126,13 +126,13 @@ def _deflection(divisions: tuple[int, int, int], element: ElementType, ratio: fl
 
 
 @case("poisson-0.4999-bending")
-def bending() -> Verdict:
+def bending() -> CaseVerdict:
     """ν = 0.4999, clamped bar: B-bar bends, finer is better."""
     coarse = _deflection((20, 2, 2), ElementType.B_BAR, 0.4999)
     fine = _deflection((40, 4, 4), ElementType.B_BAR, 0.4999)
     full = _deflection((20, 2, 2), ElementType.FULL, 0.4999)
     # Two elements in the depth: shear and the clamped end take 1/n² of the order of 5 %.
-    return judged(
+    return case_verdict(
         ("2 elements over Euler's beam, off 0.98", abs(coarse - 0.98), 0.04),
         ("distance of 4 elements over that of 2", (1 - fine) / (1 - coarse), 0.75),
         ("full integration, which locks", full, 0.5),
@@ -140,7 +140,7 @@ def bending() -> Verdict:
 
 
 @case()
-def units_metre_scene() -> Verdict:
+def units_metre_scene() -> CaseVerdict:
     """A scene written in metres: rejected, the factor named."""
     metres = {"height": 0.2, "amplitude": 0.02, "inner_radius": 0.12, "thickness": 0.04}
     settings = {f"block.{key}": value for key, value in metres.items()}
@@ -149,13 +149,13 @@ def units_metre_scene() -> Verdict:
 
 
 @case()
-def amplitude_too_large() -> Verdict:
+def amplitude_too_large() -> CaseVerdict:
     """Waves that cut through the frame: rejected, the limit named."""
-    return rejected(lambda: tube(amplitude=TSB1.height), ValueError, "expected less than half")
+    return rejected(lambda: tsb1_tube(amplitude=TSB1.height), ValueError, "expected less than half")
 
 
 @case()
-def contacts_lost() -> Verdict:
+def contacts_lost() -> CaseVerdict:
     """Blocks a hair apart: the brick that touches nothing is rejected."""
     assembly = stack(2)
     places = assembly.translations.copy()
@@ -165,8 +165,8 @@ def contacts_lost() -> Verdict:
 
 
 @case()
-def scaled_mesh() -> Verdict:
+def scaled_mesh() -> CaseVerdict:
     """Coordinates of 1e-6 and 1e6 mm: the patch test does not notice."""
     mesh = distorted((10.0, 10.0, 10.0))
     scaled = (HexMesh(factor * mesh.nodes, mesh.elements) for factor in (1e-6, 1e6))
-    return judged(*(affine_patch(m, ElementType.INCOMPATIBLE, CONCRETE) for m in scaled))
+    return case_verdict(*(affine_patch(m, ElementType.INCOMPATIBLE, CONCRETE) for m in scaled))

@@ -15,10 +15,10 @@ from fem.element.hexahedron import ElementType
 from fem.element.kinds import block_lumped_mass, block_stiffness
 from fem.element.material import Material
 from fem.explicit.setup.timed_system import timed_system
-from fem.explicit.solve import solve
+from fem.explicit.solve import run_explicit
 from geometry.block import box_block
 from geometry.mesh import FloatArray
-from validation.stability.case import Number, Verdict, case, judged
+from validation.stability.case import CaseVerdict, Number, case, case_verdict
 from validation.stability.problems import held_nodes, one_block
 
 #: Long, slender, and without Poisson's ratio, so that the clamped end has no singular stress.
@@ -77,7 +77,9 @@ def phase_errors(fractions: tuple[float, ...]) -> list[float]:
     end, weight = periods * 2 * np.pi / omega, np.repeat(model.bodies[0].lumped_mass, 3)
     errors = []
     for fraction in fractions:
-        run = solve(model, end_time=end, safety_factor=fraction, displacements=(start[None],))
+        run = run_explicit(
+            model, end_time=end, safety_factor=fraction, displacements=(start[None],)
+        )
         amplitude = float(weight @ (run.displacements[0][0].ravel() * start.ravel()))
         amplitude /= float(weight @ start.ravel() ** 2)
         phase = np.arccos(np.clip(amplitude, -1.0, 1.0)) + 2 * np.pi * np.floor(periods)
@@ -86,7 +88,7 @@ def phase_errors(fractions: tuple[float, ...]) -> list[float]:
 
 
 @case(slow=True)
-def order_in_mesh_size() -> Verdict:
+def order_in_mesh_size() -> CaseVerdict:
     """First frequency of a cantilever over the element size: the error falls in second order.
 
     Two and four elements through the thickness; an order of 1.7 allows for elements that are
@@ -98,14 +100,14 @@ def order_in_mesh_size() -> Verdict:
         before, after = (abs(omega / exact - 1.0) for omega in values)
         numbers.append((f"order of {element.value}", np.log2(before / after), ">=", 1.7))
         last.append(after)
-    return judged(*numbers, ("largest error on four elements", max(last), 0.03))
+    return case_verdict(*numbers, ("largest error on four elements", max(last), 0.03))
 
 
 @case()
-def order_in_time_step() -> Verdict:
+def order_in_time_step() -> CaseVerdict:
     """Phase of a free vibration over the time step: second order.
 
     The next term of central differences is smaller by (ω Δt)².
     """
     before, after = phase_errors((0.45, 0.225))
-    return judged(("order, off 2", abs(np.log2(before / after) - 2.0), 0.01))
+    return case_verdict(("order, off 2", abs(np.log2(before / after) - 2.0), 0.01))

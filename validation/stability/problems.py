@@ -31,7 +31,9 @@ COARSE = SineBlockDivisions(24, 3, 6)
 BRICK = (40.0, 40.0, 20.0)
 
 
-def tube(layers: int = 2, divisions: SineBlockDivisions = COARSE, **changes: float) -> Assembly:
+def tsb1_tube(
+    layers: int = 2, divisions: SineBlockDivisions = COARSE, **changes: float
+) -> Assembly:
     """TSB1 with changed parameters, coarse."""
     return SineTube(replace(TSB1, **changes), divisions, layers).build()  # type: ignore[arg-type]
 
@@ -103,7 +105,7 @@ def held_nodes(nodes: IntArray, *components: int) -> Held:
     return held_at(np.repeat(nodes, len(along)), np.tile(along, (len(nodes), 1)))
 
 
-def relative(value: FloatArray | float, expected: FloatArray | float) -> float:
+def relative_difference(value: FloatArray | float, expected: FloatArray | float) -> float:
     """Largest difference over the largest expected value."""
     size = float(np.abs(expected).max())
     difference = float(np.abs(np.asarray(value) - np.asarray(expected)).max())

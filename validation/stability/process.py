@@ -11,9 +11,9 @@ from pathlib import Path
 import numpy as np
 
 from fem.explicit.output.checkpoint import CheckpointError
-from fem.explicit.solve import Output, Progress, Run, solve
+from fem.explicit.solve import Output, Progress, Run, run_explicit
 from geometry.machine.system import KILL
-from validation.stability.case import Verdict, case, judged, rejected
+from validation.stability.case import CaseVerdict, case, case_verdict, rejected
 from validation.stability.explicit import free_cube, noise
 
 _STEPS = 300
@@ -42,11 +42,11 @@ def whole_run(
     model = free_cube()
     end, start = _STEPS * 0.9 * model.critical.critical_time_step, noise(model, 100.0)
     output = Output(progress=progress, checkpoint=checkpoint, checkpoint_seconds=0.0)
-    return solve(model, end_time=end, velocities=start, output=output, resume=resume)
+    return run_explicit(model, end_time=end, velocities=start, output=output, resume=resume)
 
 
 @case(slow=True)
-def killed() -> Verdict:
+def killed() -> CaseVerdict:
     """SIGKILL in the middle of a run: it continues to the same bits."""
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "run.npz"
@@ -57,7 +57,7 @@ def killed() -> Verdict:
     unbroken = whole_run()
     same = np.array_equal(continued.displacements[0], unbroken.displacements[0])
     same &= np.array_equal(continued.history.table(), unbroken.history.table(), equal_nan=True)
-    return judged(
+    return case_verdict(
         ("signal that ended the victim", abs(victim.returncode), "==", KILL),
         ("same bits", same, "==", 1),
         ("files left over", len(left), 0),
@@ -65,7 +65,7 @@ def killed() -> Verdict:
 
 
 @case()
-def interrupted_anywhere() -> Verdict:
+def interrupted_anywhere() -> CaseVerdict:
     """Stopped after any sample: continues to the same bits."""
     unbroken = whole_run()
     different = 0
@@ -83,7 +83,7 @@ def interrupted_anywhere() -> Verdict:
                 continued = whole_run(resume=file)
                 same = np.array_equal(continued.displacements[0], unbroken.displacements[0])
                 different += not same
-    return judged(("runs with other bits, of 4", different, 0))
+    return case_verdict(("runs with other bits, of 4", different, 0))
 
 
 class _StoppedError(Exception):
@@ -91,7 +91,7 @@ class _StoppedError(Exception):
 
 
 @case()
-def checkpoint_truncated() -> Verdict:
+def checkpoint_truncated() -> CaseVerdict:
     """Half a checkpoint: rejected before anything runs."""
     words = "not a readable checkpoint"
     with tempfile.TemporaryDirectory() as folder:

@@ -11,7 +11,7 @@ from rich.table import Table
 from rich.text import Text
 
 from validation.output.progress import following
-from validation.stability.case import Verdict
+from validation.stability.case import CaseVerdict
 from validation.statement import Statement
 
 #: Word and colour of each kind of verdict.
@@ -34,7 +34,7 @@ def run_case(case: Statement) -> dict[str, Any]:
     try:
         verdict = case.judge()
     except Exception as error:
-        verdict = Verdict("red", f"{type(error).__name__}: {error}")
+        verdict = CaseVerdict("red", f"{type(error).__name__}: {error}")
     seconds = time.process_time() - start
     result = {"verdict": verdict.kind, "proof": verdict.proof, "cpu_seconds": seconds}
     return case.as_json() | result

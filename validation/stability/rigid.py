@@ -15,11 +15,11 @@ from geometry.loads import LoadCase, named_load
 from geometry.mesh import FloatArray
 from geometry.parts.placed import AssemblyError
 from mbd import Norm, analyse, contact_jacobian
-from mbd.contacts.jacobian import ContactJacobian, Contacts, SeparateWrenches
+from mbd.contacts.jacobian import ContactJacobian, RigidContacts, SeparateWrenches
 from mbd.frictionless.equilibrium import column_weights, newton_equilibrium
 from mbd.frictionless.mechanism import Classification, SelfStress
-from validation.stability.case import Number, Verdict, case, judged, rejected
-from validation.stability.problems import pressed, relative, stack, tube
+from validation.stability.case import CaseVerdict, Number, case, case_verdict, rejected
+from validation.stability.problems import pressed, relative_difference, stack, tsb1_tube
 
 #: Pressure of the paper's load cases [MPa].
 PRESSURE = 0.01
@@ -72,26 +72,29 @@ CERTIFIED = "products with the contact matrix confirm class and forces under pip
 
 #: Tubes at the edge of what can be built: what is unusual about each, and what builds it.
 TUBES: dict[str, tuple[str, Callable[[], Assembly]]] = {
-    "amplitude-0.01-mm": ("Waves of 0.01 mm on blocks of 200 mm", partial(tube, amplitude=0.01)),
-    "amplitude-60-mm": ("Waves of 60 mm on blocks of 200 mm", partial(tube, amplitude=60.0)),
-    "thickness-0.02": ("Wall of 2 % of the inner radius", partial(tube, thickness=2.4)),
-    "thickness-2": ("Wall of twice the inner radius", partial(tube, thickness=240.0)),
-    "blocks-2": ("Two blocks in a layer", partial(tube, blocks_per_layer=2)),
+    "amplitude-0.01-mm": (
+        "Waves of 0.01 mm on blocks of 200 mm",
+        partial(tsb1_tube, amplitude=0.01),
+    ),
+    "amplitude-60-mm": ("Waves of 60 mm on blocks of 200 mm", partial(tsb1_tube, amplitude=60.0)),
+    "thickness-0.02": ("Wall of 2 % of the inner radius", partial(tsb1_tube, thickness=2.4)),
+    "thickness-2": ("Wall of twice the inner radius", partial(tsb1_tube, thickness=240.0)),
+    "blocks-2": ("Two blocks in a layer", partial(tsb1_tube, blocks_per_layer=2)),
     "blocks-64": (
         "64 blocks in a layer",
-        partial(tube, 1, SineBlockDivisions(12, 2, 4), blocks_per_layer=64, amplitude=2.0),
+        partial(tsb1_tube, 1, SineBlockDivisions(12, 2, 4), blocks_per_layer=64, amplitude=2.0),
     ),
-    "layers-1": ("One free layer", partial(tube, 1)),
+    "layers-1": ("One free layer", partial(tsb1_tube, 1)),
     "layers-200": (
         "200 free layers, 4 800 unknowns",
-        partial(tube, 200, SineBlockDivisions(12, 2, 3)),
+        partial(tsb1_tube, 200, SineBlockDivisions(12, 2, 3)),
     ),
 }
 
 
-def _piped(build: Callable[[], Assembly]) -> Verdict:
+def _piped(build: Callable[[], Assembly]) -> CaseVerdict:
     assembly = build()
-    return judged(*certified(assembly, piped(assembly)))
+    return case_verdict(*certified(assembly, piped(assembly)))
 
 
 for _name, (_words, _build) in TUBES.items():
@@ -99,54 +102,54 @@ for _name, (_words, _build) in TUBES.items():
 
 
 @case()
-def mechanism_driven() -> Verdict:
+def mechanism_driven() -> CaseVerdict:
     """A column pushed sideways: no equilibrium, and the ray proves it."""
     assembly = stack(2)
     load = pressed(assembly, PRESSURE, face="inner")
     balance = analyse(assembly, load=load).details.equilibrium
-    return judged(*certified(assembly, load), message=balance.status)
+    return case_verdict(*certified(assembly, load), message=balance.status)
 
 
 @case()
-def zero_load_rigid() -> Verdict:
+def zero_load_rigid() -> CaseVerdict:
     """No load: equilibrium with λ = 0 exactly."""
-    assembly = tube()
+    assembly = tsb1_tube()
     result = analyse(assembly, load=named_load("pipe", 0.0).on(assembly)).details
     largest = float(np.abs(result.contact_forces).max())
-    return judged(("holds", result.equilibrium.holds, "==", 1), ("largest λ", largest, 0))
+    return case_verdict(("holds", result.equilibrium.holds, "==", 1), ("largest λ", largest, 0))
 
 
-def _scale_law(pressure: float) -> Verdict:
-    assembly = tube()
+def _scale_law(pressure: float) -> CaseVerdict:
+    assembly = tsb1_tube()
     unit = analyse(assembly, load=named_load("pipe", 1.0).on(assembly)).details
     other = analyse(assembly, load=named_load("pipe", pressure).on(assembly)).details
-    off = relative(other.contact_forces / pressure, unit.contact_forces)
+    off = relative_difference(other.contact_forces / pressure, unit.contact_forces)
     # λ is determined to the residual target 1e-12 times the condition of the pressing columns.
     left = other.equilibrium.residual
-    return judged(("‖Gλ+f‖/‖f‖", left, 1e-9), ("λ/p against p = 1 MPa", off, 1e-9))
+    return case_verdict(("‖Gλ+f‖/‖f‖", left, 1e-9), ("λ/p against p = 1 MPa", off, 1e-9))
 
 
 @case("load-1e-12-rigid")
-def low_load() -> Verdict:
+def low_load() -> CaseVerdict:
     """Load of 1e-12 MPa: forces scale with the load."""
     return _scale_law(1e-12)
 
 
 @case("load-1e9-rigid")
-def high_load() -> Verdict:
+def high_load() -> CaseVerdict:
     """Load of 1e9 MPa: forces scale with the load."""
     return _scale_law(1e9)
 
 
-def _of_a_tube() -> tuple[Contacts, FloatArray]:
+def _of_a_tube() -> tuple[RigidContacts, FloatArray]:
     """Contacts of a tube and the wrenches of the load on its rows."""
-    assembly = tube()
+    assembly = tsb1_tube()
     load = piped(assembly)
     contacts = contact_jacobian(assembly, load.fixed)
     return contacts, contacts.rows(load.wrenches)
 
 
-def _repetition_law(times: int, least: int = 0) -> Verdict:
+def _repetition_law(times: int, least: int = 0) -> CaseVerdict:
     contacts, force = _of_a_tube()
     once = newton_equilibrium(contacts.jacobian, force)
     single = contacts.jacobian.contacts.separate()
@@ -154,27 +157,27 @@ def _repetition_law(times: int, least: int = 0) -> Verdict:
     many = newton_equilibrium(replace(contacts.jacobian, contacts=copies), force)
     # Minimum norm spreads a force evenly over copies of a contact.
     expected = np.repeat(once.forces, times) / times
-    return judged(
+    return case_verdict(
         ("contacts", len(many.forces), ">=", least),
         ("‖Gλ+f‖/‖f‖", many.residual, 1e-9),
-        ("λ against λ₁/k", relative(many.forces, expected), 1e-9),
+        ("λ against λ₁/k", relative_difference(many.forces, expected), 1e-9),
     )
 
 
 @case()
-def duplicated_contacts() -> Verdict:
+def duplicated_contacts() -> CaseVerdict:
     """Every contact twice: each copy carries half."""
     return _repetition_law(2)
 
 
 @case()
-def contacts_5e5() -> Verdict:
+def contacts_5e5() -> CaseVerdict:
     """Every contact many times, 5e5 in all: copies share evenly."""
     return _repetition_law(500, 500_000)
 
 
 @case()
-def zero_area_contacts() -> Verdict:
+def zero_area_contacts() -> CaseVerdict:
     """Contacts of zero area carry nothing; the rest balance, finite."""
     contacts, force = _of_a_tube()
     areas = contacts.areas.copy()
@@ -182,7 +185,7 @@ def zero_area_contacts() -> Verdict:
     weights = column_weights(Norm.PRESSURE, areas)
     result = newton_equilibrium(contacts.jacobian, force, weights=weights)
     carried = float(np.abs(result.forces[::7]).max())
-    return judged(("‖Gλ+f‖/‖f‖", result.residual, 1e-9), ("λ there", carried, 0.0))
+    return case_verdict(("‖Gλ+f‖/‖f‖", result.residual, 1e-9), ("λ there", carried, 0.0))
 
 
 def _on_one_block(wrenches: FloatArray) -> ContactJacobian:
@@ -193,7 +196,7 @@ def _on_one_block(wrenches: FloatArray) -> ContactJacobian:
 
 
 @case()
-def parallel_normals() -> Verdict:
+def parallel_normals() -> CaseVerdict:
     """Normals 2e-7 rad apart: the two forces of the closed form."""
     angle = 1e-7
     columns = np.zeros((6, 2))
@@ -201,14 +204,14 @@ def parallel_normals() -> Verdict:
     expected = np.array([0.75, 0.25])
     result = newton_equilibrium(_on_one_block(columns), -columns @ expected)
     # Forces are the residual (1e-12) over the smallest singular value (1.4e-7).
-    return judged(
+    return case_verdict(
         ("‖Gλ+f‖/‖f‖", result.residual, 1e-9),
-        ("λ against (¾, ¼)", relative(result.forces, expected), 1e-5),
+        ("λ against (¾, ¼)", relative_difference(result.forces, expected), 1e-5),
     )
 
 
 @case()
-def rank_deficient() -> Verdict:
+def rank_deficient() -> CaseVerdict:
     """24 contacts of rank 1 in six rows: even forces; across: a ray."""
     column = np.array([0.0, 0.0, 1.0, 0.0, 0.0, 0.0])
     jacobian = _on_one_block(np.column_stack([column] * 12 + [-column] * 12))
@@ -217,9 +220,9 @@ def rank_deficient() -> Verdict:
     free = newton_equilibrium(jacobian, across)
     checks = (
         ("‖Gλ+f‖/‖f‖", held.residual, 1e-9),
-        ("λ against ½", relative(held.forces[:12], np.full(12, 0.5)), 1e-9),
+        ("λ against ½", relative_difference(held.forces[:12], np.full(12, 0.5)), 1e-9),
     )
-    return judged(*checks, *_driven(jacobian.to_matrix(), across, free.mechanism))
+    return case_verdict(*checks, *_driven(jacobian.to_matrix(), across, free.mechanism))
 
 
 def _cone(outside: float) -> tuple[FloatArray, FloatArray]:
@@ -230,19 +233,19 @@ def _cone(outside: float) -> tuple[FloatArray, FloatArray]:
 
 
 @case()
-def cone_inside_1e_9() -> Verdict:
+def cone_inside_1e_9() -> CaseVerdict:
     """Load 1e-9 inside the feasible cone: carried by the exact forces."""
     matrix, load = _cone(-1e-9)
     result = newton_equilibrium(_on_one_block(matrix), load)
     exact = np.array([1.0, 1.0, 1.0, 1.0, 1.0, 1e-9])
-    return judged(
+    return case_verdict(
         ("‖Gλ+f‖/‖f‖", result.residual, 1e-11),
-        ("λ against the exact forces", relative(result.forces, exact), 1e-10),
+        ("λ against the exact forces", relative_difference(result.forces, exact), 1e-10),
     )
 
 
 @case()
-def cone_outside_1e_9() -> Verdict:
+def cone_outside_1e_9() -> CaseVerdict:
     """Load 1e-9 outside the cone, within the tolerance of 1e-6: carried, the residual names it."""
     matrix, load = _cone(1e-9)
     result = newton_equilibrium(_on_one_block(matrix), load)
@@ -250,34 +253,36 @@ def cone_outside_1e_9() -> Verdict:
     basis, _ = np.linalg.qr(matrix[:, :5])
     rest = matrix[:, 5] - basis @ (basis.T @ matrix[:, 5])
     distance = 1e-9 * float(np.linalg.norm(rest)) / float(np.linalg.norm(load))
-    return judged(
+    return case_verdict(
         ("holds", result.holds, "==", 1),
         ("residual over distance, off 1", abs(result.residual / distance - 1.0), 0.01),
     )
 
 
 @case()
-def cone_outside_1e_5() -> Verdict:
+def cone_outside_1e_5() -> CaseVerdict:
     """Load 1e-5 outside the cone: no equilibrium, and the ray proves it."""
     matrix, load = _cone(1e-5)
     result = newton_equilibrium(_on_one_block(matrix), load)
-    return judged(*_driven(sp.csc_array(matrix), load, result.mechanism), message=result.status)
+    return case_verdict(
+        *_driven(sp.csc_array(matrix), load, result.mechanism), message=result.status
+    )
 
 
 def _without_top_block(*, unmatched_allowed: bool) -> Assembly:
-    assembly = tube()
+    assembly = tsb1_tube()
     broken = renumbered(assembly, np.arange(assembly.n_blocks - 1))
     return replace(broken, unmatched_allowed=unmatched_allowed)
 
 
 @case()
-def frame_incomplete() -> Verdict:
+def frame_incomplete() -> CaseVerdict:
     """A frame without one block: rejected, naming the block left open."""
     broken = _without_top_block(unmatched_allowed=False)
     return rejected(lambda: broken.interfaces, AssemblyError, "meet no partner", "expected")
 
 
 @case()
-def frame_open() -> Verdict:
+def frame_open() -> CaseVerdict:
     """The same with open faces allowed: products confirm its class and forces."""
     return _piped(partial(_without_top_block, unmatched_allowed=True))

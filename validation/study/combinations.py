@@ -13,7 +13,7 @@ from geometry.parts.rows import RowTable
 from mbd.options import Rigid
 from validation.case import Case
 from validation.errors import InputError
-from validation.output.answer_files import answer_of
+from validation.output.answer_files import answer_of_data
 from validation.output.console import listing
 from validation.output.files import write_csv
 from validation.study.cases import CaseStudy
@@ -43,7 +43,7 @@ def combination_answers(
     named = (("combination", tuple(cases)),)
     study = CaseStudy(file.name, kind, named, cases=tuple(cases.values()))
     rows = answered(study, store, tell)
-    return {row["combination"]: answer_of(row["answer"]) for row in rows}
+    return {row["combination"]: answer_of_data(row["answer"]) for row in rows}
 
 
 def envelope(answers: Mapping[str, Answer]) -> dict[str, tuple[str, Measure]]:

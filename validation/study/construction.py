@@ -19,7 +19,7 @@ from validation.errors import named
 from validation.solving import solve
 from validation.study.rowfile import StudyRows
 from validation.study.run import answered
-from validation.study.study import Study, case_content, content_digest
+from validation.study.study import Study, case_content, data_digest
 
 
 @dataclass(frozen=True)
@@ -34,7 +34,7 @@ class StageStudy(Study):
     @cached_property
     def digest(self) -> str:
         """Digest of what its scene states."""
-        return content_digest([type(self).__name__, case_content(self.case)])
+        return data_digest([type(self).__name__, case_content(self.case)])
 
     def content(self, number: int) -> Any:
         """Return which stage it is."""

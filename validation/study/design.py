@@ -51,7 +51,7 @@ RANKING = 0.1
 
 
 @dataclass(frozen=True)
-class Row:
+class DesignRow:
     """One design of a study and what came out."""
 
     number: int

@@ -17,8 +17,8 @@ from validation.errors import InputError
 from validation.output.console import duration_words, tabled
 from validation.output.outputs import Outputs
 from validation.output.progress import LONG, following
-from validation.study.design import MEASURES, Row
-from validation.study.rowfile import StudyRows, write_csv
+from validation.study.design import MEASURES, DesignRow
+from validation.study.rowfile import StudyRows, write_row_csv
 from validation.study.run import Tally
 from validation.study.study import Study
 
@@ -45,7 +45,7 @@ def sweep_progress(results: StudyRows, *, retry_failed: bool = False) -> Iterato
     expected = Expected(total - done)
     with following(results.study.name) as follow:
 
-        def show(row: Row) -> None:
+        def show(row: DesignRow) -> None:
             nonlocal done, failed
             done += 1
             failed += row.status == "failed"
@@ -66,7 +66,7 @@ class Expected:
         self._seconds: list[float] = []
         self._told = 0.0
 
-    def words(self, row: Row) -> str:
+    def words(self, row: DesignRow) -> str:
         """Words for the expected time; empty where it is short or is told already.
 
         Designs that fail are quick, and say nothing of the others.
@@ -123,7 +123,7 @@ def draw(results: StudyRows, axes: tuple[str, str] | None, path: Path, outputs: 
 def export(results: StudyRows, csv: Path, outputs: Outputs, digits: int = 17) -> None:
     """Write all rows as CSV."""
     try:
-        write_csv(results, csv, digits)
+        write_row_csv(results, csv, digits)
     except OSError as error:
         raise InputError(
             f"{csv}: cannot be written ({error.strerror or error}); all rows are in "

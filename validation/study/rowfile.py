@@ -34,7 +34,7 @@ from validation.output.files import prepare_file
 from validation.output.files import write_csv as write_table
 from validation.output.provenance import program
 from validation.scene.read import read_text
-from validation.study.design import MEASURES, Row
+from validation.study.design import MEASURES, DesignRow
 from validation.study.study import Study
 
 #: What a line begins with, and what its digest stands behind.
@@ -220,7 +220,7 @@ class StudyRows(RowFile):
             return None
         return number if self.study.question(number) == question else None
 
-    def add(self, row: Row) -> None:
+    def add(self, row: DesignRow) -> None:
         """Append a row."""
         of = {"study": self.study.name, "quantity": self.study.quantity}
         self.put(self.study.question(row.number), of | row.as_json())
@@ -284,7 +284,7 @@ class StudyRows(RowFile):
         return heapq.nsmallest(most, rows, key=lambda row: (row[first] is None, row[first] or 0.0))
 
 
-def write_csv(results: StudyRows, path: Path, digits: int = 17) -> None:
+def write_row_csv(results: StudyRows, path: Path, digits: int = 17) -> None:
     """Write all rows as CSV, numbers with so many digits; the header names the units."""
     columns = dict.fromkeys(name for row in results.rows() for name in row)
     heads = [results.study.head(name) for name in columns]
@@ -299,7 +299,7 @@ def _cell(value: Any, digits: int) -> Any:
 
 
 def read_csv(path: Path) -> Iterator[dict[str, Any]]:
-    """Read rows of a study from what `write_csv` wrote, by the names of columns without units."""
+    """Read rows of a study that `write_row_csv` wrote, by the names of columns without units."""
     for row in csv.DictReader(StringIO(read_text(path, "rows of a study as CSV"))):
         yield {str(head).partition(" [")[0]: _read(value) for head, value in row.items()}
 

@@ -25,7 +25,7 @@ from typing import Any, Protocol
 
 from geometry.machine.system import available_cores, interrupts_blocked
 from validation.errors import InputError
-from validation.study.design import Row
+from validation.study.design import DesignRow
 from validation.study.rowfile import StudyRows
 from validation.study.study import Study
 
@@ -39,7 +39,7 @@ _WORKER_DIED = (
 )
 
 
-def run_design(study: Study, number: int) -> Row:
+def run_design(study: Study, number: int) -> DesignRow:
     """Compute one design, counted from 0; whatever goes wrong with it becomes its message."""
     rigid = study.quantity == "rigid"
     # Other threads of the process may be at work on other designs; fem may use several itself.
@@ -53,7 +53,7 @@ def run_design(study: Study, number: int) -> Row:
         words = words.removeprefix(f"{study.name}: ")
         words = words or "no message"
         failure = words if isinstance(error, ValueError) else f"{type(error).__name__}: {words}"
-    return Row(
+    return DesignRow(
         number=number,
         status="failed" if failure else "ok",
         message=failure or "; ".join(remarks),
@@ -64,15 +64,15 @@ def run_design(study: Study, number: int) -> Row:
     )
 
 
-def failed_row(study: Study, number: int, message: str) -> Row:
+def failed_row(study: Study, number: int, message: str) -> DesignRow:
     """Row of a design whose process did not live to report it."""
-    return Row(number, "failed", message, study.design(number), {}, 0.0)
+    return DesignRow(number, "failed", message, study.design(number), {}, 0.0)
 
 
 class Runner(Protocol):
     """Computes designs somewhere."""
 
-    def rows(self, numbers: Iterable[int]) -> Generator[Row, None, None]:
+    def rows(self, numbers: Iterable[int]) -> Generator[DesignRow, None, None]:
         """Rows of the designs, in the order in which they are ready."""
 
 
@@ -85,7 +85,7 @@ class Tally:
     """CPU time inside the designs [s]."""
     _workers: dict[int, float] = field(default_factory=dict)
 
-    def count(self, row: Row) -> None:
+    def count(self, row: DesignRow) -> None:
         """Take in one row."""
         self.computed += 1
         self.design_cpu_seconds += row.cpu_seconds
@@ -108,7 +108,7 @@ def sweep(
     runner: Runner,
     *,
     retry_failed: bool = False,
-    on_row: Callable[[Row], None] | None = None,
+    on_row: Callable[[DesignRow], None] | None = None,
     numbers: Iterator[int] | None = None,
 ) -> Tally:
     """Compute the designs that the result file lacks, and write each row when it is there.
@@ -139,7 +139,7 @@ def computed(
     results: StudyRows,
     runner: Runner,
     numbers: Iterable[int],
-    on_row: Callable[[Row], None] | None = None,
+    on_row: Callable[[DesignRow], None] | None = None,
 ) -> list[dict[str, Any]]:
     """Rows of some designs, in their order; those that the result file lacks are computed."""
     numbers = list(numbers)
@@ -162,7 +162,7 @@ def answered(
     """
     results = StudyRows(store, study)
 
-    def follow(row: Row) -> None:
+    def follow(row: DesignRow) -> None:
         if row.status == "failed":
             raise InputError(row.message)
         if tell is not None:
@@ -212,7 +212,7 @@ class SerialRunner:
     def __init__(self, study: Study) -> None:
         self.study = study
 
-    def rows(self, numbers: Iterable[int]) -> Generator[Row, None, None]:
+    def rows(self, numbers: Iterable[int]) -> Generator[DesignRow, None, None]:
         """Rows in the order of the numbers."""
         for number in numbers:
             yield run_design(self.study, number)
@@ -234,7 +234,7 @@ class LocalRunner:
         self.study = study
         self.workers = available_cores() if workers is None else workers
 
-    def rows(self, numbers: Iterable[int]) -> Generator[Row, None, None]:
+    def rows(self, numbers: Iterable[int]) -> Generator[DesignRow, None, None]:
         """Rows in the order in which they are ready."""
         numbers = iter(numbers)
         while (first := next(numbers, None)) is not None:
@@ -248,7 +248,7 @@ class LocalRunner:
 
     def _pool(
         self, numbers: Iterator[int], workers: int, window: int
-    ) -> Generator[Row, None, list[int]]:
+    ) -> Generator[DesignRow, None, list[int]]:
         """Rows of one pool of processes; returns the designs in its hands if it broke."""
         context = multiprocessing.get_context("spawn")
         with interrupts_blocked():  # a helper process of the library starts here
@@ -256,7 +256,7 @@ class LocalRunner:
         pool = ProcessPoolExecutor(
             workers, mp_context=context, initializer=_start_worker, initargs=(stop,)
         )
-        pending: dict[Future[Row], int] = {}
+        pending: dict[Future[DesignRow], int] = {}
         try:
             with interrupts_blocked():  # processes start here and inherit it: ending them is ours
                 self._submit(pool, pending, numbers, window)
@@ -279,13 +279,13 @@ class LocalRunner:
     def _submit(
         self,
         pool: ProcessPoolExecutor,
-        pending: dict[Future[Row], int],
+        pending: dict[Future[DesignRow], int],
         numbers: Iterator[int],
         count: int,
     ) -> None:
         for number in islice(numbers, count):
             # Noted before it is handed over: a pool that breaks here loses nothing.
-            placeholder: Future[Row] = Future()
+            placeholder: Future[DesignRow] = Future()
             pending[placeholder] = number
             with _main_left_out():
                 future = pool.submit(run_design, self.study, number)
@@ -334,7 +334,7 @@ class DaskRunner:
                 f"--scheduler {address}: it has no workers; start some with `dask worker {address}`"
             ) from None
 
-    def rows(self, numbers: Iterable[int]) -> Generator[Row, None, None]:
+    def rows(self, numbers: Iterable[int]) -> Generator[DesignRow, None, None]:
         """Rows in the order in which they are ready."""
         from distributed import CancelledError, as_completed
         from distributed.comm import CommClosedError
@@ -366,14 +366,14 @@ class DaskRunner:
             for number in numbers
         }
 
-    def _row(self, future: Any, number: int) -> Row:
+    def _row(self, future: Any, number: int) -> DesignRow:
         from distributed import CancelledError, KilledWorker
 
         # A result that was lost with its worker is computed again; `result` waits for it.
         if future.status == "cancelled":
             raise CancelledError(future.key)
         try:
-            row: Row = future.result()
+            row: DesignRow = future.result()
         except KilledWorker:
             return failed_row(self.study, number, _WORKER_DIED)
         except (ImportError, AttributeError) as error:

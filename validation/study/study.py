@@ -88,12 +88,12 @@ class Study:
 
     def question(self, number: int) -> str:
         """Digest of what a design asks, whatever its number is."""
-        return content_digest([self.digest, self.content(number)])
+        return data_digest([self.digest, self.content(number)])
 
     @cached_property
     def digest(self) -> str:
         """Digest of what its designs share."""
-        return content_digest([type(self).__name__, self.quantity])
+        return data_digest([type(self).__name__, self.quantity])
 
     @property
     def title(self) -> str:
@@ -259,7 +259,7 @@ class SceneStudy(Study):
             for name in sections:
                 section = section.get(name, {})
             section.pop(key, None)
-        return content_digest([self.quantity, self.accuracy, keys, sorted(paths), files])
+        return data_digest([self.quantity, self.accuracy, keys, sorted(paths), files])
 
     @cached_property
     def _texts(self) -> list[tuple[str, list[str]]]:
@@ -272,7 +272,7 @@ class SceneStudy(Study):
         for path, texts in self._texts:
             number, place = divmod(number, len(texts))
             values.append((path, texts[place]))
-        return content_digest([self.digest, *sorted(values)])
+        return data_digest([self.digest, *sorted(values)])
 
 
 def case_content(case: Case) -> list[Any]:
@@ -290,7 +290,7 @@ def digests(files: Iterable[Path]) -> dict[str, str]:
 _CANONICAL = json.JSONEncoder(sort_keys=True, default=str)
 
 
-def content_digest(content: Any) -> str:
+def data_digest(content: Any) -> str:
     """Digest of what was asked, as plain data."""
     return sha256(_CANONICAL.encode(content).encode()).hexdigest()[:32]
 

@@ -9,7 +9,7 @@ from typing import Any
 
 from rich.console import Console
 
-from validation.study.design import Row
+from validation.study.design import DesignRow
 from validation.study.judge import Judgement, doubt, judge
 from validation.study.report import print_table, summary
 from validation.study.rowfile import StudyRows
@@ -39,7 +39,7 @@ class Swept:
 def run_sweep(
     results: StudyRows,
     runner: Callable[[Study], Runner],
-    on_row: Callable[[Row], None],
+    on_row: Callable[[DesignRow], None],
     *,
     retry_failed: bool = False,
     judged: bool = False,

@@ -10,7 +10,7 @@ import numpy as np
 
 from fem.decks.placement import rotation_matrix
 from fem.decks.read.cards import Card
-from fem.decks.read.mesh import Part, set_entries
+from fem.decks.read.mesh import DeckPart, set_entries
 from geometry.assembly import Assembly
 from geometry.block import Block
 from geometry.files.hexahedral_solids import SURFACE
@@ -29,12 +29,12 @@ class Instance:
     """A part at its place."""
 
     name: str
-    part: Part
+    part: DeckPart
     rotation: FloatArray = field(default_factory=lambda: np.eye(3))
     translation: FloatArray = field(default_factory=lambda: np.zeros(3))
 
 
-def placed(card: Card, part: Part) -> Instance:
+def placed(card: Card, part: DeckPart) -> Instance:
     """Read ``*Instance``: a translation, then a rotation about an axis of two points [degrees].
 
     Raises
@@ -74,7 +74,7 @@ class Blocks:
     contact: dict[int, dict[str, IntArray]] = field(default_factory=lambda: defaultdict(dict))
     """The same of faces that can meet others: no facet is in two of them."""
 
-    def add_flat(self, flat: Part) -> None:
+    def add_flat(self, flat: DeckPart) -> None:
         """Add connected elements of a flat deck, each as an instance, and all sets."""
         for number, piece in enumerate(flat.pieces()):
             self.instances.append(Instance(piece.name, piece))
@@ -132,11 +132,11 @@ class Blocks:
         return [(k, of) for k, one in enumerate(self.instances) for of in one.part.element_index]
 
     @property
-    def parts(self) -> list[Part]:
+    def parts(self) -> list[DeckPart]:
         """Of each block."""
         return [one.part for one in self.instances]
 
-    def part(self, block: int) -> Part:
+    def part(self, block: int) -> DeckPart:
         """Part of a block."""
         return self.instances[block].part
 

@@ -33,7 +33,7 @@ _FACING = 0.7
 
 
 @dataclass
-class Contact:
+class DeckContact:
     """Which blocks can meet, and by which interaction."""
 
     model: ModelLines

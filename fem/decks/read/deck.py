@@ -12,8 +12,8 @@ from fem.decks.deck import Flavour
 from fem.decks.keywords import DeckError
 from fem.decks.read.blocks import Blocks, placed
 from fem.decks.read.cards import Card, deck_text, read_cards
-from fem.decks.read.mesh import Part, add_elements, add_nodes, add_set
-from fem.decks.read.model import ModelLines, Step, effects_of
+from fem.decks.read.mesh import DeckPart, add_elements, add_nodes, add_set
+from fem.decks.read.model import ModelLines, Step, damping_of_step
 from fem.decks.read.problem import build_problem
 from fem.decks.read.words import Dialect, check_words, dialect_of, spelt
 from fem.method import Explicit, Static
@@ -93,7 +93,7 @@ class InputDeck:
         """
         if not self.steps[-1].explicit:
             return Static(mesh="scene", error_estimate=not self.problem().load_case.nodes)
-        effects = effects_of(self.model, self.steps[0])
+        effects = damping_of_step(self.model, self.steps[0])
         return Explicit(
             damping="none",
             rayleigh=effects.rayleigh,
@@ -179,8 +179,8 @@ class _Reader:
     """Where in a deck a card stands: in a part, an instance, the assembly, a step."""
 
     model: ModelLines
-    parts: dict[str, Part] = field(default_factory=dict)
-    part: Part = field(default_factory=lambda: Part(""))
+    parts: dict[str, DeckPart] = field(default_factory=dict)
+    part: DeckPart = field(default_factory=lambda: DeckPart(""))
     """The last one that was opened, before the first that of a flat deck."""
     blocks: Blocks = field(default_factory=Blocks)
     open: list[Card] = field(default_factory=list)
@@ -222,7 +222,7 @@ class _Reader:
             name = card.parameter("NAME")
             if name in self.parts:
                 raise card.wrong(f"{name} twice", "it once")
-            self.part = self.parts[name] = Part(name)
+            self.part = self.parts[name] = DeckPart(name)
         elif word == "STEP":
             large = any("NLGEOM" in s.card.parameters and s.large_rotations for s in self.steps)
             self.steps.append(Step(card, follows_large=large))

@@ -24,7 +24,7 @@ _MOST = 50_000_000
 
 
 @dataclass
-class Part:
+class DeckPart:
     """Nodes, elements and sets of a part, or of a flat deck."""
 
     name: str
@@ -46,7 +46,7 @@ class Part:
     surfaces: dict[str, Card] = field(default_factory=dict)
     sections: list[Card] = field(default_factory=list)
 
-    def pieces(self) -> list[Part]:
+    def pieces(self) -> list[DeckPart]:
         """Connected elements, each as a part that has the set of its elements as its name.
 
         Raises
@@ -191,7 +191,7 @@ class Part:
         )
 
 
-def add_nodes(part: Part, card: Card) -> None:
+def add_nodes(part: DeckPart, card: Card) -> None:
     """Read ``*Node``: number and coordinates, missing ones are zero."""
     for line, row in card.rows():
         label = card.whole(line, row[0])
@@ -205,7 +205,7 @@ def add_nodes(part: Part, card: Card) -> None:
             part.node_sets.setdefault(name, []).append(label)
 
 
-def add_elements(part: Part, card: Card) -> None:
+def add_elements(part: DeckPart, card: Card) -> None:
     """Read ``*Element``: number and nodes; an element may go on over lines."""
     kind, name = card.parameter("TYPE"), card.option("ELSET")
     count = VOLUMES.get(kind)
@@ -244,7 +244,7 @@ def set_entries(card: Card) -> Iterator[tuple[int, str | int]]:
                 yield line, int(text) if text.isdigit() else text.strip('"').upper()
 
 
-def add_set(part: Part, card: Card) -> None:
+def add_set(part: DeckPart, card: Card) -> None:
     """Read ``*Nset`` or ``*Elset`` of a part."""
     nodes = card.keyword == "NSET"
     known = part.node_sets if nodes else part.element_sets

@@ -245,7 +245,7 @@ class Step:
         return value
 
 
-def effects_of(model: ModelLines, step: Step) -> Effects:
+def damping_of_step(model: ModelLines, step: Step) -> Effects:
     """Damping of an explicit step."""
     dampings = {_damping(material) for material in model.materials.values()}
     if len(dampings) > 1:

@@ -10,7 +10,7 @@ from fem.decks.keywords import DeckError
 from fem.decks.read.actions import Actions, read_supports
 from fem.decks.read.blocks import Blocks
 from fem.decks.read.cards import Card
-from fem.decks.read.contact import Contact
+from fem.decks.read.contact import DeckContact
 from fem.decks.read.elements import KINDS, VOLUMES
 from fem.decks.read.loads import (
     body_wrenches,
@@ -19,7 +19,7 @@ from fem.decks.read.loads import (
     orientation_of,
     read_loads,
 )
-from fem.decks.read.mesh import Part
+from fem.decks.read.mesh import DeckPart
 from fem.decks.read.model import ModelLines, Step, material_of, path_of, turning_times
 from fem.decks.read.words import Dialect
 from fem.element.hexahedron import ElementType
@@ -48,7 +48,7 @@ def build_problem(
     """
     _check_steps(model, steps)
     step = steps[-1]
-    contact = Contact(model, blocks)
+    contact = DeckContact(model, blocks)
     contact.read(steps)
     rough = not step.explicit and contact.is_rough
     ends = _stage_ends(model, steps) if rough else [(len(steps), step.duration)]
@@ -174,7 +174,7 @@ def _materials(model: ModelLines, blocks: Blocks, step: Step) -> tuple[Material,
     return tuple(_material(model, one.part) for one in blocks.instances)
 
 
-def _material(model: ModelLines, part: Part) -> Material:
+def _material(model: ModelLines, part: DeckPart) -> Material:
     """Material of the sections of all elements of a part."""
     cards = [part.section_of.get(label) for label in part.element_index]
     names = {"none" if card is None else card.parameter("MATERIAL") for card in cards}

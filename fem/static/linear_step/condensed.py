@@ -49,7 +49,7 @@ from fem.static.linear_step.linearisation import Linearisation, UnheldBlocksErro
 from fem.static.linear_step.pairs import NodePairs
 from fem.static.linear_step.row_laws import Bound, PairLaw, PointLaw, point_law
 from fem.system.system import NodalInverse, System, at_share
-from geometry.machine.work import Operation, count, hold, require_memory
+from geometry.machine.work import Operation, count, hold_memory, require_memory
 from geometry.mesh import FloatArray, IntArray
 
 #: Points count as open when their stiffness is below this share of that at first touch: their
@@ -131,7 +131,7 @@ class CondensedStep:
             8.0 * (forces + kept),
             "a coarser mesh (mesh), elements of degree 1 or fewer blocks",
         )
-        hold(8.0 * (forces + kept))
+        hold_memory(8.0 * (forces + kept))
 
     def _held_rows(self, slot: int) -> npt.NDArray[np.bool_]:
         """Which held nodes are of a slot, (n_held,)."""

@@ -20,7 +20,7 @@ from scipy.sparse.linalg import SuperLU, splu
 
 from fem.system.system import NodalInverse, System, at_share
 from geometry.errors import RefusedError
-from geometry.machine.work import Operation, count, hold, memory_limit, require_memory
+from geometry.machine.work import Operation, count, hold_memory, memory_limit, require_memory
 from geometry.mesh import FloatArray, IntArray
 
 Solve = Callable[[FloatArray], FloatArray]
@@ -112,7 +112,7 @@ def _superlu(matrix: csr_array) -> Solve:
         factor = _splu(matrix)
     except RuntimeError as error:
         raise SparseSolverError(f"stiffness matrix: {error}; expected every block held") from None
-    hold(_bytes(matrix, factor.nnz))
+    hold_memory(_bytes(matrix, factor.nnz))
     # Of both triangles: half of them squared over the order is what a factorisation multiplies.
     count(Operation.SPARSE, 0.25 * float(factor.nnz) ** 2 / max(matrix.shape[0], 1))
 

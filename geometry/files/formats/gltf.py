@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from geometry.files.named_surfaces import Y_UP, NamedSurface, moved
+from geometry.files.named_surfaces import Y_UP, NamedSurface, moved_surface
 from geometry.mesh import MeshError
 
 
@@ -41,7 +41,7 @@ def read_scene_graph(path: Path) -> list[NamedSurface]:
         faces = np.asarray(getattr(mesh, "faces", np.zeros((0, 3))), dtype=np.int64)
         if len(faces):
             surface = NamedSurface(str(node), np.asarray(mesh.vertices, np.float64), (faces,))
-            result.append(moved(surface, matrix @ placed))
+            result.append(moved_surface(surface, matrix @ placed))
     if not result:
         raise MeshError(f"{path}: got no faces; expected triangles")
     return result

@@ -16,7 +16,7 @@ from geometry.files.named_surfaces import (
     NamedSurface,
     by_corners,
     millimetres_of,
-    moved,
+    moved_surface,
     unused_name,
 )
 from geometry.mesh import FloatArray, MeshError
@@ -101,7 +101,7 @@ class _RhinoModel:
                 f"{self._path}: {name} was saved without its render mesh; expected meshes: in "
                 "Rhino, use the command Mesh, or save without 'Save small'"
             )
-        yield moved(_joined(name, meshes), above)
+        yield moved_surface(_joined(name, meshes), above)
 
     def _hidden(self, one: Any) -> str:
         """Why an object is not seen: hidden itself, or on a layer that is off; empty else."""

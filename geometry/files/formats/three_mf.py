@@ -18,7 +18,7 @@ from geometry.files.named_surfaces import (
     NamedSurface,
     by_corners,
     millimetres_of,
-    moved,
+    moved_surface,
     unused_name,
 )
 from geometry.mesh import FloatArray, MeshError
@@ -97,4 +97,4 @@ def _3mf_surfaces(
     )
     if faces and not 0 <= np.min(faces) <= np.max(faces) < len(points):
         raise ValueError(f"a triangle of {surface.name} names a vertex that is not there")
-    yield moved(surface, above @ matrix)
+    yield moved_surface(surface, above @ matrix)

@@ -25,10 +25,10 @@ from validation.output.pictures.bodies import (
     load_arrows,
     steep,
     turn_colours,
-    turned,
+    turned_about_z,
     with_labels,
 )
-from validation.output.pictures.canvas import Direction, Lines, Part, Pixels, Surface, View
+from validation.output.pictures.canvas import Direction, Lines, Part, Pixels, Polygons, View
 from validation.output.pictures.gallery import Numbers, Panel, gallery, round_numbers
 from validation.output.pictures.scales import MOTION_MAP, ORANGE, VERMILION, Scale
 
@@ -126,7 +126,7 @@ def draw_pressed_facets(
             parts += facets.outlines(range(assembly.n_blocks))
         panels = above_and_below(parts, towards, title="all joints")
         return gallery([[p] for p in panels], title, height=6.0, scale=scale)
-    behind = turned(towards, np.pi)
+    behind = turned_about_z(towards, np.pi)
     shown = np.flatnonzero(far_side(assembly, facets.corners.mean(axis=1), behind))
     near = np.flatnonzero(far_side(assembly, assembly.centroids, behind)).tolist()
     parts = [facets.surface(shown, scale), *facets.outlines(near)]
@@ -234,7 +234,7 @@ def _flat_panel(
     def placed(points: FloatArray, height: float) -> FloatArray:
         return np.insert(points.reshape(-1, 2) * (stretch, 1.0), 2, height, axis=1)
 
-    faces = Surface(placed(flat, 0.0), np.arange(4 * len(flat)).reshape(-1, 4), shades, lit=False)
+    faces = Polygons(placed(flat, 0.0), np.arange(4 * len(flat)).reshape(-1, 4), shades, lit=False)
     ends = _joint_edges(flat, pair)
     lines = Lines(placed(ends, 0.0), np.arange(2 * len(ends)).reshape(-1, 2))
     window = np.array([span[0] * stretch, low]), np.array([span[1] * stretch, high])

@@ -21,7 +21,7 @@ from validation.output.pictures.canvas import (
     Lines,
     Part,
     Pixels,
-    Surface,
+    Polygons,
     View,
     merged,
     rgb,
@@ -69,7 +69,7 @@ def far_side(
     return np.asarray(arm @ np.array(towards[:2]) < 1e-6 * assembly.characteristic_length)
 
 
-def turned(direction: Direction, angle: float) -> Direction:
+def turned_about_z(direction: Direction, angle: float) -> Direction:
     """Turn a direction about the z axis by an angle [rad]."""
     cosine, sine = np.cos(angle), np.sin(angle)
     x, y, z = direction
@@ -79,7 +79,7 @@ def turned(direction: Direction, angle: float) -> Direction:
 def quarter(direction: Direction, arm: FloatArray) -> Direction:
     """Turn a direction by quarters about the z axis until it is nearest to that of an arm (3,)."""
     angle = np.arctan2(arm[1], arm[0]) - np.arctan2(direction[1], direction[0])
-    return turned(direction, 0.5 * np.pi * float(np.round(angle / (0.5 * np.pi))))
+    return turned_about_z(direction, 0.5 * np.pi * float(np.round(angle / (0.5 * np.pi))))
 
 
 def eye(assembly: AnyBlocks, before: FloatArray | None = None) -> Direction:
@@ -196,7 +196,7 @@ def with_labels(panel: Panel, assembly: AnyBlocks, shown: Sequence[int]) -> Pane
     ]
     bodies = [blocks(assembly, lambda _: GREY, only=[b], edges=0.0)[0] for b in shown]
     words = [str(b) if named == "numbers" else names[b] for b in shown]
-    parts = [(s.points, s.polygons) for s in bodies if isinstance(s, Surface)]
+    parts = [(s.points, s.polygons) for s in bodies if isinstance(s, Polygons)]
     return labelled(panel, words, parts)
 
 
@@ -213,7 +213,7 @@ def labelled(
     number = np.repeat(np.arange(1, len(parts) + 1), [len(polygons) for _, polygons in parts])
     shades = np.stack([number >> 16, number >> 8, number], axis=1).astype(np.uint8)
     points, polygons = merged(parts, parts[0][1].shape[1])
-    probe = View([Surface(points, polygons, shades, lit=False)], view.direction, margin=0.0)
+    probe = View([Polygons(points, polygons, shades, lit=False)], view.direction, margin=0.0)
     shape = np.array(probe.size)
     wide, high = np.maximum((_PROBE * shape / shape.max()).astype(int), 1).tolist()
     seen = probe.render(wide, high).astype(np.int64) @ np.array([1 << 16, 1 << 8, 1])
@@ -282,7 +282,7 @@ def blocks(
     edges
         How much of what is behind them edges hide; zero: none are drawn.
     options
-        Of `Surface`.
+        Of `Polygons`.
     """
     known: dict[int, tuple[_Used | None, _Used | None]] = {}
     skins, lines, shades = [], [], []
@@ -307,7 +307,7 @@ def blocks(
     parts: list[Part] = []
     if skins:
         surface = merged(skins, skins[0][1].shape[1])
-        parts.append(Surface(*surface, np.concatenate(shades), **options))
+        parts.append(Polygons(*surface, np.concatenate(shades), **options))
     if lines:
         parts.append(Lines(*merged(lines, 2), opacity=edges))
     return parts
@@ -373,11 +373,11 @@ class PressedFacets:
         """One number for the two blocks of each of some facets, (n,)."""
         return self.block_m[rows] * self.assembly.n_blocks + self.block_s[rows]
 
-    def surface(self, rows: IntArray, scale: Scale) -> Surface:
+    def surface(self, rows: IntArray, scale: Scale) -> Polygons:
         """Some facets in the colours of their pressures."""
         quads = np.arange(4 * len(rows)).reshape(-1, 4)
         shades = scale.of(self.pressures[rows])
-        return Surface(self.corners[rows].reshape(-1, 3), quads, shades, lit=False)
+        return Polygons(self.corners[rows].reshape(-1, 3), quads, shades, lit=False)
 
     def outlines(self, only: Sequence[int]) -> list[Part]:
         """Edges of some blocks, seen through."""
@@ -406,7 +406,7 @@ def interface_facets(
 # Loads
 
 
-def load_arrows(assembly: Assembly, load: LoadCase, shown: Sequence[int]) -> Surface:
+def load_arrows(assembly: Assembly, load: LoadCase, shown: Sequence[int]) -> Polygons:
     """Arrows on a sample of the loaded facets of some blocks, along the force."""
     force = load.facet_forces
     size = np.linalg.norm(force, axis=1)
@@ -423,7 +423,7 @@ def load_arrows(assembly: Assembly, load: LoadCase, shown: Sequence[int]) -> Sur
     return arrows(start, length * direction, VERMILION)
 
 
-def arrows(start: FloatArray, along: FloatArray, colour: str) -> Surface:
+def arrows(start: FloatArray, along: FloatArray, colour: str) -> Polygons:
     """Arrows from points along vectors, (n, 3) each [mm]."""
     turn = 2 * np.pi * np.arange(_SIDES) / _SIDES
     circle = np.column_stack([np.cos(turn), np.sin(turn)])
@@ -450,4 +450,4 @@ def arrows(start: FloatArray, along: FloatArray, colour: str) -> Surface:
     frame = np.stack([first, np.cross(axis, first), axis], axis=1)
     points = start[:, None] + length[:, None] * np.einsum("pk,nki->npi", own, frame)
     every = quads[None] + len(own) * np.arange(len(start))[:, None, None]
-    return Surface(points.reshape(-1, 3), every.reshape(-1, 4), colour, lit=False)
+    return Polygons(points.reshape(-1, 3), every.reshape(-1, 4), colour, lit=False)

@@ -32,7 +32,7 @@ INK = "#303030"
 
 
 @dataclass(frozen=True)
-class Surface:
+class Polygons:
     """Polygons."""
 
     points: FloatArray
@@ -73,7 +73,7 @@ class Dots:
     """[px]"""
 
 
-Part = Surface | Lines | Dots
+Part = Polygons | Lines | Dots
 
 
 def merged(
@@ -266,7 +266,7 @@ def _actor(part: Part) -> Any:
     data.SetPoints(as_points(part.points))
     mapper, actor = vtkPolyDataMapper(), vtkActor()
     look = actor.GetProperty()
-    if isinstance(part, Surface):
+    if isinstance(part, Polygons):
         data.SetPolys(as_cells(part.polygons))
         _colour_surface(part, data, mapper, look)
     elif isinstance(part, Lines):
@@ -288,7 +288,7 @@ def _actor(part: Part) -> Any:
     return actor
 
 
-def _colour_surface(part: Surface, data: Any, mapper: Any, look: Any) -> None:
+def _colour_surface(part: Polygons, data: Any, mapper: Any, look: Any) -> None:
     look.SetOpacity(part.opacity)
     look.SetInterpolationToFlat()
     look.SetBackfaceCulling(not part.two_sided)

@@ -25,7 +25,7 @@ from validation.output.pictures.canvas import (
     Dots,
     Lines,
     Part,
-    Surface,
+    Polygons,
     View,
 )
 from validation.output.pictures.gallery import Panel, gallery
@@ -68,7 +68,7 @@ def contact_parts(run: Answer) -> tuple[list[Part], Scale]:
         colour = scale.of(pressures[interfaces.polygons.patch[owner]])
     parts = blocks(run.details.blocks, None, edges=0.35)
     if len(triangles):
-        parts.append(Surface(interfaces.polygons.corners, triangles, colour, lit=False))
+        parts.append(Polygons(interfaces.polygons.corners, triangles, colour, lit=False))
     return parts, scale
 
 
@@ -164,7 +164,7 @@ def _exploded(run: Explosion, distance: float) -> View:
     if inside:
         corners = np.concatenate(inside).reshape(-1, 3)
         triangles = np.arange(len(corners)).reshape(-1, 3)
-        parts.append(Surface(corners, triangles, VERMILION, lit=False))
+        parts.append(Polygons(corners, triangles, VERMILION, lit=False))
     return View(parts, EYE)
 
 

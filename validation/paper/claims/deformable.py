@@ -11,8 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from geometry import Answer, effective_facets
-from validation.paper.evidence import BoolArray, Evidence, FloatArray, sine_block
-from validation.paper.verdict import Statements, Truth, Verdict, judged
+from validation.paper.evidence import BoolArray, FloatArray, PaperEvidence, block_of_tube
+from validation.paper.verdict import ClaimVerdict, Statements, Truth, claim_verdict
 
 FEM_CLAIMS = Statements("claim")
 
@@ -91,7 +91,7 @@ class PressurePair:
         return float(np.corrcoef(self.rigid, self.deformable)[0, 1])
 
 
-def pressure_pairs(evidence: Evidence) -> list[PressurePair]:
+def pressure_pairs(evidence: PaperEvidence) -> list[PressurePair]:
     """The twelve comparisons of figure pc_MBD_FEM: three cases, two blocks, top and bottom."""
     pairs = []
     for case in ("pipe", "tunnel", "shaft"):
@@ -114,19 +114,19 @@ def _pair(name: str, answer: Answer, rigid: Answer, lower: int) -> PressurePair:
     )
 
 
-def same_mesh(evidence: Evidence, answer: Answer) -> Answer:
+def same_mesh(evidence: PaperEvidence, answer: Answer) -> Answer:
     """Rigid-block result on the mesh of a deformable one, with the full load."""
     mesh = answer.case.keys["mesh"]
     return evidence.rigid(answer.case.name, *(f"mesh.{key}={value}" for key, value in mesh.items()))
 
 
 @FEM_CLAIMS.add
-def _peaks_found(evidence: Evidence) -> Verdict:
+def _peaks_found(evidence: PaperEvidence) -> ClaimVerdict:
     pairs = pressure_pairs(evidence)
     shares = np.array([p.peak_share for p in pairs])
     chance = np.array([p.effective.mean() for p in pairs])
     worst = pairs[int(np.argmin(shares))]
-    return judged(
+    return claim_verdict(
         bool((shares > 0.5).all() and shares.mean() > 0.8),
         f"{100 * shares.mean():.0f} % of the peak facets (above half of the largest pressure) lie "
         f"in the rigid blocks' effective area, which covers {100 * chance.mean():.0f} % of the "
@@ -138,7 +138,7 @@ def _peaks_found(evidence: Evidence) -> Verdict:
 
 
 @FEM_CLAIMS.add
-def _areas_fem(evidence: Evidence) -> Verdict:
+def _areas_fem(evidence: PaperEvidence) -> ClaimVerdict:
     values, words = {}, []
     for case, target in (("pipe", 30.0), ("tunnel", 50.0)):
         contacts = [evidence.fem(b, case).report["contact"] for b in BLOCKS]
@@ -148,7 +148,7 @@ def _areas_fem(evidence: Evidence) -> Verdict:
             f"{case}: {counts[0]:.0f} % (TSB1), {counts[1]:.0f} % (TSB2), said: {target:g} %"
         )
     holds = all(abs(v - t) <= 5 for k, t in (("pipe", 30), ("tunnel", 50)) for v in values[k])
-    return judged(
+    return claim_verdict(
         holds,
         "of the elements of deformable blocks; "
         + "; ".join(words)
@@ -162,7 +162,7 @@ def _areas_fem(evidence: Evidence) -> Verdict:
 
 
 @FEM_CLAIMS.add
-def _layers_repeat(evidence: Evidence) -> Verdict:
+def _layers_repeat(evidence: PaperEvidence) -> ClaimVerdict:
     differences = {}
     for block in BLOCKS:
         for case in ("pipe", "tunnel", "pillar", "shaft"):
@@ -172,7 +172,7 @@ def _layers_repeat(evidence: Evidence) -> Verdict:
             )
     worst = max(v for k, v in differences.items() if "shaft" not in k)
     shaft = min(v for k, v in differences.items() if "shaft" in k)
-    return judged(
+    return claim_verdict(
         worst < 0.05 < shaft,
         f"σ₁ of layers 4 to 7 differs from two layers above by at most {100 * worst:.1f} % in "
         f"pipe, tunnel and pillar, by {100 * shaft:.0f} % or more in shaft",
@@ -181,7 +181,7 @@ def _layers_repeat(evidence: Evidence) -> Verdict:
 
 
 @FEM_CLAIMS.add
-def _under_the_waves(evidence: Evidence) -> Verdict:
+def _under_the_waves(evidence: PaperEvidence) -> ClaimVerdict:
     shares = {}
     for block in BLOCKS:
         for case in CASES:
@@ -193,7 +193,7 @@ def _under_the_waves(evidence: Evidence) -> Verdict:
             high = height[np.nonzero(values > np.quantile(values, 0.99))[3]]
             shares[f"{block} {case}"] = float(((high <= 0.2) | (high >= 0.8)).mean())
     least = min(shares, key=lambda key: shares[key])
-    return judged(
+    return claim_verdict(
         min(shares.values()) > 0.8,
         "of the nodes with the highest 1 % of σ₁, within a fifth of the height from a sinusoidal "
         f"face: {100 * np.mean(list(shares.values())):.0f} % (mean of ten runs), least "
@@ -203,8 +203,8 @@ def _under_the_waves(evidence: Evidence) -> Verdict:
 
 
 @FEM_CLAIMS.add
-def _favourable(_: Evidence) -> Verdict:
-    return Verdict(
+def _favourable(_: PaperEvidence) -> ClaimVerdict:
+    return ClaimVerdict(
         Truth.UNDECIDABLE,
         "the paper names no measure of a favourable stress state; mean σ₁, localisation and "
         "compressed volume are judged one by one",
@@ -214,23 +214,23 @@ def _favourable(_: Evidence) -> Verdict:
 
 def _monolith(answer: Answer) -> tuple[float, float]:
     """Length [mm] and second moment of area [mm⁴] of a solid tube, clamped at both ends."""
-    block = sine_block(answer.case)
+    block = block_of_tube(answer.case)
     bending = np.pi / 4 * (block.outer_radius**4 - block.inner_radius**4)
     return answer.case.keys["assembly"]["layers"] * block.height, float(bending)
 
 
 @FEM_CLAIMS.add
-def _far_side(evidence: Evidence) -> Verdict:
+def _far_side(evidence: PaperEvidence) -> ClaimVerdict:
     stresses, words = {}, []
     for name in BLOCKS:
         answer = evidence.fem(name, "beam")
         (length, bending), force = _monolith(answer), _load(answer)
         moment = np.linalg.norm(force) * length / 8
-        expected = moment * sine_block(answer.case).outer_radius / bending
+        expected = moment * block_of_tube(answer.case).outer_radius / bending
         stress = _far_axial_stress(answer, force)
         stresses[name] = (stress, float(expected))
         words.append(f"{name}: {stress:+.4f} MPa")
-    return judged(
+    return claim_verdict(
         all(stress < 0.05 * expected for stress, expected in stresses.values()),
         "mean axial stress on the side away from the load, layers 5 to 9: "
         + ", ".join(words)
@@ -246,9 +246,9 @@ def _next_layer(answer: Answer) -> tuple[float, float]:
 
 
 @FEM_CLAIMS.add
-def _half_turn(evidence: Evidence) -> Verdict:
+def _half_turn(evidence: PaperEvidence) -> ClaimVerdict:
     turned, mirrored = _next_layer(evidence.fem("TSB1", "pipe"))
-    return judged(
+    return claim_verdict(
         turned < 0.05,
         f"σ₁ of layer 8 turned by 180° differs from layer 7 by {100 * turned:.1f} % "
         f"(mirrored: {100 * mirrored:.0f} %)",
@@ -258,9 +258,9 @@ def _half_turn(evidence: Evidence) -> Verdict:
 
 
 @FEM_CLAIMS.add
-def _mirror(evidence: Evidence) -> Verdict:
+def _mirror(evidence: PaperEvidence) -> ClaimVerdict:
     turned, mirrored = _next_layer(evidence.fem("TSB2", "pipe"))
-    return judged(
+    return claim_verdict(
         mirrored < 0.05,
         f"σ₁ of layer 8 mirrored differs from layer 7 by {100 * mirrored:.1f} % "
         f"(turned by 180°: {100 * turned:.0f} %)",
@@ -270,12 +270,12 @@ def _mirror(evidence: Evidence) -> Verdict:
 
 
 @FEM_CLAIMS.add
-def _four_alike(evidence: Evidence) -> Verdict:
+def _four_alike(evidence: PaperEvidence) -> ClaimVerdict:
     """Solve a tube without using its symmetry: four layers are enough to see it."""
     answer = evidence.whole_tube("TSB1", "pipe", 4)
     first = _sigma(answer, 2)
     worst = max(_apart(first, _sigma(answer, 2, 0, place)) for place in range(1, 4))
-    return judged(
+    return claim_verdict(
         worst < 1e-3,
         f"σ₁ of the four blocks of a layer differs by at most {worst:.0e} (solved without using "
         "the symmetry, four layers)",
@@ -294,7 +294,7 @@ def _peaks(answer: Answer, side: str) -> tuple[FloatArray, FloatArray]:
     tuple
         Peaks [MPa] and distances in wave lengths, from left to right.
     """
-    block = sine_block(answer.case)
+    block = block_of_tube(answer.case)
     field, waves = _sigma(answer, _LAYER), block.waves_per_block
     near = field[:, :, -3:] if side == "top" else field[:, :, :3]
     along = near.max(axis=(0, 2))
@@ -312,12 +312,12 @@ def _peaks(answer: Answer, side: str) -> tuple[FloatArray, FloatArray]:
 
 
 @FEM_CLAIMS.add
-def _valleys_tsb1(evidence: Evidence) -> Verdict:
+def _valleys_tsb1(evidence: PaperEvidence) -> ClaimVerdict:
     answer = evidence.fem("TSB1", "pipe")
     (top, far_top), (bottom, far_bottom) = _peaks(answer, "top"), _peaks(answer, "bottom")
     apart = max(float(far_top.max()), float(far_bottom.max()))
     ratio = float(top.max() / bottom.max())
-    return judged(
+    return claim_verdict(
         apart < 0.25 and 0.5 < ratio < 2.0,
         f"peaks of σ₁ {_list(top)} MPa at the top, {_list(bottom)} MPa at the bottom, at most "
         f"{apart:.2f} of a wave from the notches",
@@ -328,11 +328,11 @@ def _valleys_tsb1(evidence: Evidence) -> Verdict:
 
 
 @FEM_CLAIMS.add
-def _valleys_tsb2(evidence: Evidence) -> Verdict:
+def _valleys_tsb2(evidence: PaperEvidence) -> ClaimVerdict:
     answer = evidence.fem("TSB2", "pipe")
     (top, _), (bottom, _) = _peaks(answer, "top"), _peaks(answer, "bottom")
     ratio = float(bottom.max() / top.max())
-    return judged(
+    return claim_verdict(
         ratio > 1.5,
         f"peaks of σ₁ {_list(top)} MPa at the top, {_list(bottom)} MPa at the bottom: the "
         f"{'top' if ratio < 1 else 'bottom'} ones are higher, {max(ratio, 1 / ratio):.1f} times. "
@@ -348,12 +348,12 @@ def _list(values: FloatArray) -> str:
 
 
 @FEM_CLAIMS.add
-def _one_of_three(evidence: Evidence) -> Verdict:
+def _one_of_three(evidence: PaperEvidence) -> ClaimVerdict:
     ratios = {}
     for block, side in (("TSB1", "top"), ("TSB1", "bottom"), ("TSB2", "top"), ("TSB2", "bottom")):
         peaks = np.sort(_peaks(evidence.fem(block, "pipe"), side)[0])
         ratios[f"{block} {side}"] = float(peaks[-1] / peaks[-2])
-    return judged(
+    return claim_verdict(
         all(ratio > 1.1 for ratio in ratios.values()),
         "highest over second: "
         + ", ".join(f"{v:.2f} ({k})" for k, v in ratios.items())
@@ -363,10 +363,10 @@ def _one_of_three(evidence: Evidence) -> Verdict:
 
 
 @FEM_CLAIMS.add
-def _lower_tension(evidence: Evidence) -> Verdict:
+def _lower_tension(evidence: PaperEvidence) -> ClaimVerdict:
     runs = {block: evidence.fem(block, "pipe") for block in BLOCKS}
     means = {b: float(np.average(_sigma(r, _LAYER), weights=_volumes(r))) for b, r in runs.items()}
-    return judged(
+    return claim_verdict(
         means["TSB2"] < means["TSB1"],
         f"mean σ₁ in layer 7: {means['TSB1']:.4f} MPa (TSB1), {means['TSB2']:.4f} MPa (TSB2), "
         f"{100 * (means['TSB2'] / means['TSB1'] - 1):+.1f} %",
@@ -381,13 +381,13 @@ def _share(answer: Answer, where: BoolArray) -> float:
 
 
 @FEM_CLAIMS.add
-def _localized(evidence: Evidence) -> Verdict:
+def _localized(evidence: PaperEvidence) -> ClaimVerdict:
     shares = {}
     for block in BLOCKS:
         answer = evidence.fem(block, "pipe")
         values = np.abs(_sigma(answer, _LAYER))
         shares[block] = _share(answer, values > np.quantile(values, 0.999) / 3)
-    return judged(
+    return claim_verdict(
         shares["TSB2"] < shares["TSB1"],
         "volume with σ₁ above a third of its peak: "
         + ", ".join(f"{100 * v:.1f} % ({k})" for k, v in shares.items()),
@@ -396,13 +396,13 @@ def _localized(evidence: Evidence) -> Verdict:
 
 
 @FEM_CLAIMS.add
-def _compressed(evidence: Evidence) -> Verdict:
+def _compressed(evidence: PaperEvidence) -> ClaimVerdict:
     limit = 0.1
     shares = {}
     for block in BLOCKS:
         answer = evidence.fem(block, "pipe")
         shares[block] = _share(answer, _sigma(answer, _LAYER, 2) < -limit)
-    return judged(
+    return claim_verdict(
         shares["TSB2"] > shares["TSB1"],
         f"volume with σ₃ below -{limit:g} MPa: "
         + ", ".join(f"{100 * v:.1f} % ({k})" for k, v in shares.items()),
@@ -420,10 +420,10 @@ def _mean_displacement(answer: Answer) -> float:
     return float(np.mean([np.average(grid, weights=volumes) for grid in grids]))
 
 
-def _smaller_displacement(case: str) -> Callable[[Evidence], Verdict]:
-    def judge(evidence: Evidence) -> Verdict:
+def _smaller_displacement(case: str) -> Callable[[PaperEvidence], ClaimVerdict]:
+    def judge(evidence: PaperEvidence) -> ClaimVerdict:
         one, two = (_mean_displacement(evidence.fem(b, case)) for b in BLOCKS)
-        return judged(
+        return claim_verdict(
             one < two,
             f"mean displacement {1e3 * one:.2f} µm (TSB1), {1e3 * two:.2f} µm (TSB2), no initial "
             "gap",
@@ -458,7 +458,7 @@ def _far_axial_stress(answer: Answer, force: FloatArray) -> float:
 
 
 @FEM_CLAIMS.add
-def _monolithic(evidence: Evidence) -> Verdict:
+def _monolithic(evidence: PaperEvidence) -> ClaimVerdict:
     ratios = {}
     for name in BLOCKS:
         answer = evidence.fem(name, "beam")
@@ -467,7 +467,7 @@ def _monolithic(evidence: Evidence) -> Verdict:
         sag = force * length**3 / (192 * material.young_modulus * bending)
         ratios[f"{name} beam"] = answer["max_displacement"].value / sag
         answer = evidence.fem(name, "shaft")
-        block = sine_block(answer.case)
+        block = block_of_tube(answer.case)
         pressure = answer.case.keys["load"]["pressure"]
         torque = pressure * 2 * np.pi * block.outer_radius**2 * block.height
         shear = material.young_modulus / (2 * (1 + material.poisson_ratio))
@@ -475,7 +475,7 @@ def _monolithic(evidence: Evidence) -> Verdict:
         ratios[f"{name} shaft"] = answer["max_displacement"].value / float(
             turn * block.outer_radius
         )
-    return judged(
+    return claim_verdict(
         all(ratio < 2 for ratio in ratios.values()),
         "largest displacement over that of a solid tube (beam and torsion theory): "
         + ", ".join(f"{v:.0f} ({k})" for k, v in ratios.items())
@@ -485,12 +485,12 @@ def _monolithic(evidence: Evidence) -> Verdict:
 
 
 @FEM_CLAIMS.add
-def _speed_up(evidence: Evidence) -> Verdict:
+def _speed_up(evidence: PaperEvidence) -> ClaimVerdict:
     answer = evidence.fem("TSB1", "pipe")
     rigid = same_mesh(evidence, answer)
     seconds, of_rigid = (run.report["cpu_seconds"]["total"] for run in (answer, rigid))
     ratio = seconds / of_rigid
-    return judged(
+    return claim_verdict(
         4.5 < np.log10(ratio) < 5.5,
         f"same tube, same mesh, one core: static deformable {seconds:.1f} s, "
         f"rigid {of_rigid:.3f} s: × {ratio:.0f}; five orders lie between two codes, not between "

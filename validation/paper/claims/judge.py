@@ -7,8 +7,8 @@ from typing import Any
 
 from validation.paper.claims.deformable import FEM_CLAIMS
 from validation.paper.claims.rigid import RIGID_CLAIMS
-from validation.paper.evidence import Evidence
-from validation.paper.verdict import NOT_COMPUTED, Verdict
+from validation.paper.evidence import PaperEvidence
+from validation.paper.verdict import NOT_COMPUTED, ClaimVerdict
 from validation.statement import Statement, chosen_by_name
 
 
@@ -17,7 +17,7 @@ def claims() -> list[Statement]:
     return [*RIGID_CLAIMS, *FEM_CLAIMS]
 
 
-def judge_claims(evidence: Evidence, names: list[str] | None = None) -> list[dict[str, Any]]:
+def judge_claims(evidence: PaperEvidence, names: list[str] | None = None) -> list[dict[str, Any]]:
     """Judge all claims, or some by name (`chosen_by_name`): claim, verdict, number and values."""
     rows = []
     for claim in chosen_by_name(claims(), names, "claim"):
@@ -27,11 +27,11 @@ def judge_claims(evidence: Evidence, names: list[str] | None = None) -> list[dic
     return rows
 
 
-def _verdict(claim: Statement, evidence: Evidence) -> Verdict:
+def _verdict(claim: Statement, evidence: PaperEvidence) -> ClaimVerdict:
     """Judge one claim; where it holds for one turn of the layers alone, say so."""
     if claim.deformable and not evidence.deformable:
         return NOT_COMPUTED
-    verdict: Verdict = claim.judge(evidence)
+    verdict: ClaimVerdict = claim.judge(evidence)
     if not claim.of_turn:
         return verdict
     other = claim.judge(evidence.with_half_block())

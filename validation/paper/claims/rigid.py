@@ -11,14 +11,14 @@ from geometry import Answer
 from mbd import contact_jacobian
 from validation.paper.evidence import (
     Design,
-    Evidence,
     FloatArray,
     IntArray,
-    measures_of,
+    PaperEvidence,
     p_max,
+    paper_measures_of,
 )
 from validation.paper.reference import reference
-from validation.paper.verdict import Statements, Truth, Verdict, judged
+from validation.paper.verdict import ClaimVerdict, Statements, Truth, claim_verdict
 
 RIGID_CLAIMS = Statements("claim")
 
@@ -27,7 +27,7 @@ RIGID_CLAIMS = Statements("claim")
 _TENTH = 0.10
 
 
-def _count_falling(evidence: Evidence, axis: int) -> tuple[int, int]:
+def _count_falling(evidence: PaperEvidence, axis: int) -> tuple[int, int]:
     """Steps of one parameter over which p_max falls, and all steps."""
     p = evidence.study.p_max
     pairs = evidence.study.pairs(axis)
@@ -39,7 +39,7 @@ def _count_falling(evidence: Evidence, axis: int) -> tuple[int, int]:
 
 
 @RIGID_CLAIMS.add
-def _locked(evidence: Evidence) -> Verdict:
+def _locked(evidence: PaperEvidence) -> ClaimVerdict:
     rows = evidence.study.rows.values()
     locked = sum(row["mechanism"] == "locked" for row in rows)
     flat, low = (
@@ -49,7 +49,7 @@ def _locked(evidence: Evidence) -> Verdict:
         ]
         for a in ("0", "0.1")
     )
-    return judged(
+    return claim_verdict(
         locked == len(rows) and set(low) == {"locked"} and "locked" not in flat,
         f"{locked} of {len(rows)} designs locked; a = 0.1 mm: {low[0]}; a = 0: {flat[0]}",
         locked=locked,
@@ -60,13 +60,15 @@ def _locked(evidence: Evidence) -> Verdict:
 
 
 @RIGID_CLAIMS.add
-def _falls_with_amplitude(evidence: Evidence) -> Verdict:
+def _falls_with_amplitude(evidence: PaperEvidence) -> ClaimVerdict:
     falling, total = _count_falling(evidence, 4)
-    return judged(falling == total, f"{falling} of {total} steps", falling=falling, steps=total)
+    return claim_verdict(
+        falling == total, f"{falling} of {total} steps", falling=falling, steps=total
+    )
 
 
 @RIGID_CLAIMS.add
-def _flattens(evidence: Evidence) -> Verdict:
+def _flattens(evidence: PaperEvidence) -> ClaimVerdict:
     p, amplitudes = evidence.study.p_max, evidence.study.axes[4]
     flatter = total = 0
     for key in p:
@@ -76,8 +78,8 @@ def _flattens(evidence: Evidence) -> Verdict:
             flatter += int((np.diff(drop) < 0).sum())
             total += len(drop) - 1
     if not total:
-        return Verdict(Truth.NOT_COMPUTED, "needs three amplitudes", {})
-    return judged(
+        return ClaimVerdict(Truth.NOT_COMPUTED, "needs three amplitudes", {})
+    return claim_verdict(
         flatter == total,
         f"the next drop is smaller in {flatter} of {total} pairs of steps",
         flatter=flatter,
@@ -86,13 +88,13 @@ def _flattens(evidence: Evidence) -> Verdict:
 
 
 @RIGID_CLAIMS.add
-def _saturates(evidence: Evidence) -> Verdict:
+def _saturates(evidence: PaperEvidence) -> ClaimVerdict:
     curves = {}
     for shift in (0.0, 0.5):
         curve = [p_max(evidence.tsb((shift, 1.5, 4, 40.0, a))) for a in (25.0, 30.0, 40.0)]
         curves[f"s={shift:g}"] = curve
     drops = {name: 1 - c[2] / c[1] for name, c in curves.items()}
-    return judged(
+    return claim_verdict(
         all(drop < _TENTH for drop in drops.values()),
         "from a = 30 to 40 mm p_max still falls by "
         + " and ".join(f"{100 * d:.0f} % ({n})" for n, d in drops.items())
@@ -104,7 +106,7 @@ def _saturates(evidence: Evidence) -> Verdict:
 
 
 @RIGID_CLAIMS.add
-def _falls_with_thickness(evidence: Evidence) -> Verdict:
+def _falls_with_thickness(evidence: PaperEvidence) -> ClaimVerdict:
     falling, total = _count_falling(evidence, 3)
     p = evidence.study.p_max
     rising = [(b, p[a] / p[b] - 1) for b, a in evidence.study.pairs(3) if p[a] >= p[b]]
@@ -116,7 +118,7 @@ def _falls_with_thickness(evidence: Evidence) -> Verdict:
             f"; the others rise by at most {100 * largest:.1f} % "
             f"(f = {', '.join(f'{f:g}' for f in frequencies)})"
         )
-    return judged(
+    return claim_verdict(
         falling == total,
         f"{falling} of {total} steps{words}",
         falling=falling,
@@ -126,14 +128,14 @@ def _falls_with_thickness(evidence: Evidence) -> Verdict:
 
 
 @RIGID_CLAIMS.add
-def _thick_depends_less(evidence: Evidence) -> Verdict:
+def _thick_depends_less(evidence: PaperEvidence) -> ClaimVerdict:
     p, thicknesses = evidence.study.p_max, evidence.study.axes[3]
     spread = {}
     for t in thicknesses:
         values = np.array([v for key, v in p.items() if key[3] == t])
         spread[t] = float(values.max() - values.min())
     falling = bool((np.diff(list(spread.values())) < 0).all())
-    return judged(
+    return claim_verdict(
         falling,
         "max - min of p_max over a, f, n, s: "
         + ", ".join(f"{v:.2f} MPa (t = {t:g})" for t, v in spread.items()),
@@ -142,7 +144,7 @@ def _thick_depends_less(evidence: Evidence) -> Verdict:
 
 
 @RIGID_CLAIMS.add
-def _fine_is_worse(evidence: Evidence) -> Verdict:
+def _fine_is_worse(evidence: PaperEvidence) -> ClaimVerdict:
     """Ask how p_max of the largest f compares with that of the smallest, and what that grows with.
 
     All three together: at the largest n and a the ratio is above 1, and it grows with n and a.
@@ -160,7 +162,7 @@ def _fine_is_worse(evidence: Evidence) -> Verdict:
     with_n = sum(r > ratio(s, numbers[0], t, a) for (s, t), r in zip(tubes, ratios, strict=True))
     with_a = sum(r > ratio(s, n, t, amplitudes[0]) for (s, t), r in zip(tubes, ratios, strict=True))
     worse = sum(r > 1 for r in ratios)
-    return judged(
+    return claim_verdict(
         min(worse, with_n, with_a) > len(tubes) / 2,
         f"at a = {a:g} mm, n = {n:g}, f = {high:g} is worse than f = {low:g} in {worse} of "
         f"{len(tubes)} tubes (× {np.mean(ratios):.2f} on average); that ratio is larger than at "
@@ -172,7 +174,7 @@ def _fine_is_worse(evidence: Evidence) -> Verdict:
 
 
 @RIGID_CLAIMS.add
-def _wave_threshold(evidence: Evidence) -> Verdict:
+def _wave_threshold(evidence: PaperEvidence) -> ClaimVerdict:
     """Ask of every (s, f, t, a) whether p_max rises again as n, hence n_w = 2 f n, grows."""
     p = evidence.study.p_max
     shifts, frequencies, numbers, thicknesses, amplitudes = evidence.study.axes
@@ -192,7 +194,7 @@ def _wave_threshold(evidence: Evidence) -> Verdict:
         share[a] = f"{rising} of {total}"
         holds &= rising > total / 2
     spread = sorted({w for places in turning.values() for w in places})
-    return judged(
+    return claim_verdict(
         holds and len(spread) <= 3,
         "p_max rises again with n_w in "
         + ", ".join(f"{words} curves (a = {a:g})" for a, words in share.items())
@@ -204,7 +206,7 @@ def _wave_threshold(evidence: Evidence) -> Verdict:
 
 
 @RIGID_CLAIMS.add
-def _fewer_larger(evidence: Evidence) -> Verdict:
+def _fewer_larger(evidence: PaperEvidence) -> ClaimVerdict:
     p = evidence.study.p_max
     lower = total = 0
     for (s, f, n, t, a), value in p.items():
@@ -212,7 +214,7 @@ def _fewer_larger(evidence: Evidence) -> Verdict:
             if (s2, t2, a2) == (s, t, a) and n2 > n and abs(f2 * n2 - f * n) < 1e-9:
                 lower += value < other
                 total += 1
-    return judged(
+    return claim_verdict(
         lower == total,
         f"fewer blocks are lower in {lower} of {total} pairs of equal n_w",
         lower=lower,
@@ -221,7 +223,7 @@ def _fewer_larger(evidence: Evidence) -> Verdict:
 
 
 @RIGID_CLAIMS.add
-def _fewer_larger_example(evidence: Evidence) -> Verdict:
+def _fewer_larger_example(evidence: PaperEvidence) -> ClaimVerdict:
     p, (*_, thicknesses, amplitudes) = evidence.study.p_max, evidence.study.axes
     t, a = (
         (40.0 if 40.0 in thicknesses else thicknesses[0]),
@@ -234,7 +236,7 @@ def _fewer_larger_example(evidence: Evidence) -> Verdict:
         for thick in thicknesses
         for high in amplitudes
     ]
-    return judged(
+    return claim_verdict(
         all(lower),
         f"{p[few]:.3f} against {p[many]:.3f} MPa (a = {a:g}, t = {t:g}), "
         + (
@@ -248,7 +250,7 @@ def _fewer_larger_example(evidence: Evidence) -> Verdict:
 
 
 @RIGID_CLAIMS.add
-def _best(evidence: Evidence) -> Verdict:
+def _best(evidence: PaperEvidence) -> ClaimVerdict:
     order = sorted(evidence.study.p_max, key=lambda key: evidence.study.p_max[key])
     fine = {key: p_max(evidence.tsb(key)) for key in order[:4]}
     best = min(fine, key=lambda key: fine[key])
@@ -256,7 +258,7 @@ def _best(evidence: Evidence) -> Verdict:
         f"s = {s:g}, f = {f:g}, n = {n}, t = {t:g}, a = {a:g}: {fine[s, f, n, t, a]:.4f} MPa"
         for s, f, n, t, a in sorted(fine, key=lambda key: fine[key])[:2]
     )
-    return judged(
+    return claim_verdict(
         best == (0.5, 2.0, 2, 60.0, 25.0),
         f"lowest at 84 × 24 × 20: {words}",
         lowest=[[*key, value] for key, value in fine.items()],
@@ -264,11 +266,11 @@ def _best(evidence: Evidence) -> Verdict:
 
 
 @RIGID_CLAIMS.add
-def _cosine_lower(evidence: Evidence) -> Verdict:
+def _cosine_lower(evidence: PaperEvidence) -> ClaimVerdict:
     p = evidence.study.p_max
     ratio = np.array([p[(0.5, *key[1:])] / value for key, value in p.items() if key[0] == 0.0])
     lower = int((ratio < 1).sum())
-    return judged(
+    return claim_verdict(
         lower > len(ratio) / 2 and float(ratio.mean()) < 1.0,
         f"lower in {lower} of {len(ratio)} designs, mean ratio {ratio.mean():.3f} (said without "
         "“all”: in most, and on average)",
@@ -279,10 +281,10 @@ def _cosine_lower(evidence: Evidence) -> Verdict:
 
 
 @RIGID_CLAIMS.add
-def _thickness_minor(evidence: Evidence) -> Verdict:
+def _thickness_minor(evidence: PaperEvidence) -> ClaimVerdict:
     by_thickness = {t: p_max(evidence.tsb((0.5, 1.5, 4, t, 20.0))) for t in (40.0, 50.0, 60.0)}
     spread = max(by_thickness.values()) / min(by_thickness.values()) - 1
-    return judged(
+    return claim_verdict(
         spread < _TENTH,
         ", ".join(f"{p:.3f} MPa (t = {t:g})" for t, p in by_thickness.items())
         + f": {100 * spread:.0f} % apart (minor: below 10 %)",
@@ -291,9 +293,9 @@ def _thickness_minor(evidence: Evidence) -> Verdict:
 
 
 @RIGID_CLAIMS.add
-def _480_in_hours(evidence: Evidence) -> Verdict:
+def _480_in_hours(evidence: PaperEvidence) -> ClaimVerdict:
     seconds = evidence.study.cpu_seconds
-    return judged(
+    return claim_verdict(
         seconds < 3 * 3600,
         f"{len(evidence.study.rows)} designs at {evidence.study.mesh} in {seconds:.0f} CPU seconds "
         f"(printed: {reference()['cost']['mbd_cpu_hours']:g} CPU hours)",
@@ -302,11 +304,11 @@ def _480_in_hours(evidence: Evidence) -> Verdict:
 
 
 @RIGID_CLAIMS.add
-def _speed_up_printed(_: Evidence) -> Verdict:
+def _speed_up_printed(_: PaperEvidence) -> ClaimVerdict:
     cost = reference()["cost"]
     per_design = cost["mbd_cpu_hours"] / cost["mbd_configurations"]
     ratio = cost["fem_cpu_hours"] / per_design
-    return judged(
+    return claim_verdict(
         4.5 < np.log10(ratio) < 5.5,
         f"{cost['fem_cpu_hours']:g} h / {per_design:.4f} h = {ratio:.3g}: the paper's own numbers, "
         "on two machines and of two codes",
@@ -315,24 +317,24 @@ def _speed_up_printed(_: Evidence) -> Verdict:
 
 
 @RIGID_CLAIMS.add
-def _length(_: Evidence) -> Verdict:
+def _length(_: PaperEvidence) -> ClaimVerdict:
     block = reference()["blocks"]["TSB1"]
     length = block["layers"] * block["height"] + 2 * block["height"] / 2
-    return judged(length == 2600.0, f"12 · 200 + 2 · 100 = {length:g} mm", length=length)
+    return claim_verdict(length == 2600.0, f"12 · 200 + 2 · 100 = {length:g} mm", length=length)
 
 
 # ---------------------------------------------------------------------------------------------
 # Tables
 
 
-def _rows(evidence: Evidence, case: str) -> tuple[Answer, Answer]:
+def _rows(evidence: PaperEvidence, case: str) -> tuple[Answer, Answer]:
     return evidence.case("TSB1", case), evidence.case("TSB2", case)
 
 
 @RIGID_CLAIMS.add
-def _tsb2_wider(evidence: Evidence) -> Verdict:
-    one, two = (measures_of(run) for run in _rows(evidence, "pipe"))
-    return judged(
+def _tsb2_wider(evidence: PaperEvidence) -> ClaimVerdict:
+    one, two = (paper_measures_of(run) for run in _rows(evidence, "pipe"))
+    return claim_verdict(
         two.effective_count_percent > one.effective_count_percent
         and two.effective_area_percent > one.effective_area_percent,
         f"{two.effective_count_percent:.1f} against {one.effective_count_percent:.1f} % of the "
@@ -344,10 +346,10 @@ def _tsb2_wider(evidence: Evidence) -> Verdict:
 
 
 @RIGID_CLAIMS.add
-def _tsb2_preferable(evidence: Evidence) -> Verdict:
-    one, two = (measures_of(run) for run in _rows(evidence, "pipe"))
+def _tsb2_preferable(evidence: PaperEvidence) -> ClaimVerdict:
+    one, two = (paper_measures_of(run) for run in _rows(evidence, "pipe"))
     apart = abs(two.p_eff_pooled / one.p_eff_pooled - 1)
-    return judged(
+    return claim_verdict(
         apart < _TENTH and two.p_max < one.p_max,
         f"p_eff {one.p_eff_pooled:.4f} and {two.p_eff_pooled:.4f} MPa ({100 * apart:.1f} % apart), "
         f"p_max {one.p_max:.3f} and {two.p_max:.3f} MPa",
@@ -357,12 +359,12 @@ def _tsb2_preferable(evidence: Evidence) -> Verdict:
     )
 
 
-def _near(target: float, case: str, *, count: bool) -> Callable[[Evidence], Verdict]:
-    def judge(evidence: Evidence) -> Verdict:
-        both = [measures_of(run) for run in _rows(evidence, case)]
+def _near(target: float, case: str, *, count: bool) -> Callable[[PaperEvidence], ClaimVerdict]:
+    def judge(evidence: PaperEvidence) -> ClaimVerdict:
+        both = [paper_measures_of(run) for run in _rows(evidence, case)]
         shares = [(m.effective_count_percent, m.effective_area_percent) for m in both]
         chosen = [pair[0 if count else 1] for pair in shares]
-        return judged(
+        return claim_verdict(
             all(abs(value - target) <= 5.0 for value in chosen),
             f"TSB1 {shares[0][0]:.1f} %, TSB2 {shares[1][0]:.1f} % of the elements; "
             f"{shares[0][1]:.1f} %, {shares[1][1]:.1f} % of the area (approximately: ± 5 points)",
@@ -394,7 +396,7 @@ def _by_layer(run: Answer, measure: str = "p_max") -> tuple[IntArray, FloatArray
 
 
 @RIGID_CLAIMS.add
-def _blocks_alike(evidence: Evidence) -> Verdict:
+def _blocks_alike(evidence: PaperEvidence) -> ClaimVerdict:
     worst = 0.0
     for case in ("pipe", "tunnel", "pillar", "shaft"):
         for run in _rows(evidence, case):
@@ -404,7 +406,7 @@ def _blocks_alike(evidence: Evidence) -> Verdict:
             for k in np.unique(layer):
                 values = tube.per_block.p_max[layer == k]
                 worst = max(worst, float(np.ptp(values) / values.max()))
-    return judged(
+    return claim_verdict(
         worst < 1e-6,
         f"block maxima within a layer differ by at most {worst:.1e} (pipe, tunnel, pillar, shaft)",
         largest_relative_difference=worst,
@@ -412,7 +414,7 @@ def _blocks_alike(evidence: Evidence) -> Verdict:
 
 
 @RIGID_CLAIMS.add
-def _layers_alike(evidence: Evidence) -> Verdict:
+def _layers_alike(evidence: PaperEvidence) -> ClaimVerdict:
     words, values, holds = [], {}, True
     for case in ("pipe", "tunnel"):
         for name, run in zip(("TSB1", "TSB2"), _rows(evidence, case), strict=True):
@@ -422,7 +424,7 @@ def _layers_alike(evidence: Evidence) -> Verdict:
             holds &= apart < _TENTH / 2
             words.append(f"{name} {case} {100 * apart:.0f} %")
             values[f"{name} {case}"] = p.tolist()
-    return judged(
+    return claim_verdict(
         holds,
         "block maxima of layers 3 to 10 differ by " + ", ".join(words) + " (identical: below 5 %)",
         p_max_by_layer=values,
@@ -430,7 +432,7 @@ def _layers_alike(evidence: Evidence) -> Verdict:
 
 
 @RIGID_CLAIMS.add
-def _shaft_layer(evidence: Evidence) -> Verdict:
+def _shaft_layer(evidence: PaperEvidence) -> ClaimVerdict:
     """Compute by the paper's two measures in which layer the contact is hardest, for both loads."""
     hardest_layers: dict[str, dict[str, list[int]]] = {}
     for name, run in zip(("TSB1", "TSB2"), _rows(evidence, "shaft"), strict=True):
@@ -440,7 +442,7 @@ def _shaft_layer(evidence: Evidence) -> Verdict:
                 layers, p = _by_layer(one, measure)
                 hardest = [int(k) for k in layers[p > 0.999 * p.max()]]
                 hardest_layers.setdefault(f"{measure} {words}", {})[name] = hardest
-    return judged(
+    return claim_verdict(
         all(layers == [7] for layers in hardest_layers["p_eff as printed"].values()),
         "layers of the largest mean of the blocks' effective pressures: "
         + _layer_words(hardest_layers["p_eff as printed"])
@@ -473,11 +475,11 @@ def _radial_gap_rate(run: Answer) -> float:
 
 
 @RIGID_CLAIMS.add
-def _no_explosion(evidence: Evidence) -> Verdict:
+def _no_explosion(evidence: PaperEvidence) -> ClaimVerdict:
     gap_rates = {
         name: _radial_gap_rate(evidence.case(name, "tunnel")) for name in ("TSB1", "TSB2", "THB0")
     }
-    return judged(
+    return claim_verdict(
         gap_rates["TSB1"] < -1e-3 and gap_rates["TSB2"] < -1e-3 and gap_rates["THB0"] > -1e-3,
         "all blocks move outward by 1: smallest gap rate / largest = "
         + ", ".join(f"{v:.3f} ({k})" for k, v in gap_rates.items())
@@ -487,11 +489,11 @@ def _no_explosion(evidence: Evidence) -> Verdict:
 
 
 @RIGID_CLAIMS.add
-def _axially_open(evidence: Evidence) -> Verdict:
+def _axially_open(evidence: PaperEvidence) -> ClaimVerdict:
     classes = [
         str(run.details.supported_classification.mechanism) for run in _rows(evidence, "pillar")
     ]
-    return judged(
+    return claim_verdict(
         set(classes) == {"suppressed"},
         f"with the top frame released: {classes[0]} (TSB1), {classes[1]} (TSB2): a lifting "
         "mechanism exists, axial load opposes it",
@@ -504,11 +506,11 @@ def _axially_open(evidence: Evidence) -> Verdict:
 
 
 @RIGID_CLAIMS.add
-def _hexagon_classes(evidence: Evidence) -> Verdict:
+def _hexagon_classes(evidence: PaperEvidence) -> ClaimVerdict:
     table = reference()["table"]["THB0"]
     classes = {case: str(evidence.case("THB0", case).details.mechanism) for case in table}
     right = sum(classes[case] == row["mechanism"] for case, row in table.items())
-    return judged(
+    return claim_verdict(
         right == len(table),
         ", ".join(f"{case} {name}" for case, name in classes.items()),
         classes=classes,
@@ -516,10 +518,10 @@ def _hexagon_classes(evidence: Evidence) -> Verdict:
 
 
 @RIGID_CLAIMS.add
-def _hexagon_pressures(evidence: Evidence) -> Verdict:
-    hexagon, cosine = (measures_of(evidence.case(b, "tunnel")) for b in ("THB0", "TSB2"))
+def _hexagon_pressures(evidence: PaperEvidence) -> ClaimVerdict:
+    hexagon, cosine = (paper_measures_of(evidence.case(b, "tunnel")) for b in ("THB0", "TSB2"))
     more, twice = hexagon.p_eff_pooled / cosine.p_eff_pooled, hexagon.p_max / cosine.p_max
-    return judged(
+    return claim_verdict(
         hexagon.effective_count_percent > cosine.effective_count_percent
         and abs(more - 1.3) < _TENTH
         and 1.75 < twice < 2.25,

@@ -12,7 +12,7 @@ from validation.paper.deformable_study import JUDGED, Compared, rank_correlation
 from validation.paper.shown.figures import draw_parameter_study
 
 
-def draw_study(compared: Compared) -> Iterator[tuple[str, Callable[[Path], object]]]:
+def draw_deformable_study(compared: Compared) -> Iterator[tuple[str, Callable[[Path], object]]]:
     """Names of the figures and what draws them."""
     for shift, name in ((0.0, "sine"), (0.5, "cosine")):
         if shift in compared.axes[0]:

@@ -18,7 +18,7 @@ from validation.output.pictures.bodies import EYE, far_side, interface_facets, s
 from validation.output.pictures.canvas import Direction, View
 from validation.output.pictures.gallery import Panel, gallery, save_figure, subplots
 from validation.output.pictures.scales import PRESSURE_MAP, Scale, scale_from_zero
-from validation.paper.evidence import Evidence, IntArray, StudyTable
+from validation.paper.evidence import IntArray, PaperEvidence, StudyTable
 from validation.paper.reference import reference
 
 #: Okabe–Ito, dark enough on white, and a mark each: readable without colour.
@@ -176,7 +176,7 @@ def _view(run: Answer, rows: IntArray, scale: Scale, direction: Direction) -> Vi
 
 
 @dataclass(frozen=True)
-class CostRow:
+class CpuTimeRow:
     """A row of table cpu-times."""
 
     method: str
@@ -192,24 +192,24 @@ class CostRow:
         return (self.method, *numbers, self.remark)
 
 
-def cost_rows(evidence: Evidence) -> list[CostRow]:
+def cost_rows(evidence: PaperEvidence) -> list[CpuTimeRow]:
     """Return the printed rows, and ours as far as computed."""
     printed = reference()["cost"]
     study = evidence.study
     rows = [
-        CostRow(
+        CpuTimeRow(
             "rigid blocks, printed",
             printed["mbd_configurations"],
             printed["mbd_cpu_hours"],
             "AMD Ryzen 7 PRO 4750U",
         ),
-        CostRow(
+        CpuTimeRow(
             "rigid blocks, tubelock",
             len(study.rows),
             study.cpu_seconds / 3600,
             f"{study.mesh} elements per block, class, equilibrium and measures",
         ),
-        CostRow(
+        CpuTimeRow(
             "finite elements, printed",
             printed["fem_configurations"],
             printed["fem_cpu_hours"],
@@ -217,13 +217,13 @@ def cost_rows(evidence: Evidence) -> list[CostRow]:
         ),
     ]
     return rows + [
-        CostRow("finite elements, tubelock", 1, seconds / 3600, name)
+        CpuTimeRow("finite elements, tubelock", 1, seconds / 3600, name)
         for name, seconds in evidence.cpu_seconds.items()
         if name.startswith("fem ")
     ]
 
 
-def print_costs(rows: list[CostRow], console: Console) -> None:
+def print_costs(rows: list[CpuTimeRow], console: Console) -> None:
     """Print the cost table."""
     heads = ("method", "tubes", "CPU hours", "CPU seconds per tube", "remark")
     table = listing("Computational cost", *heads)
@@ -232,7 +232,7 @@ def print_costs(rows: list[CostRow], console: Console) -> None:
     console.print(table)
 
 
-def draw_cost(evidence: Evidence, path: Path) -> None:
+def draw_cost(evidence: PaperEvidence, path: Path) -> None:
     """Draw CPU seconds per tube over its size: ours computed, the paper's as lines."""
     printed = reference()["cost"]
     rows = list(evidence.study.rows.values())
@@ -304,7 +304,7 @@ class FigureFile:
     """Shell command that makes it."""
 
 
-def draw_figures(evidence: Evidence, folder: Path) -> list[FigureFile]:
+def draw_figures(evidence: PaperEvidence, folder: Path) -> list[FigureFile]:
     """Draw every figure that the evidence allows into a folder; what it lacks is computed."""
     files = []
     for figures in (_parameter_figures, _pressure_figures, _deformable_figures, _cost_figure):
@@ -323,7 +323,7 @@ def draw_figures(evidence: Evidence, folder: Path) -> list[FigureFile]:
 _Drawn = tuple[str, str, Callable[[Path], object]]
 
 
-def _parameter_figures(evidence: Evidence) -> Iterator[_Drawn]:
+def _parameter_figures(evidence: PaperEvidence) -> Iterator[_Drawn]:
     for shift, name, words in ((0.0, "sine", "Sine Block"), (0.5, "cosine", "Cosine Block")):
 
         def draw(path: Path, shift: float = shift) -> None:
@@ -344,7 +344,7 @@ _COMPARISONS = (
 )
 
 
-def _pressure_figures(evidence: Evidence) -> Iterator[_Drawn]:
+def _pressure_figures(evidence: PaperEvidence) -> Iterator[_Drawn]:
     for case, left, right, load in _COMPARISONS:
         runs = evidence.case(left, case), evidence.case(right, case)
         title = f"{left} against {right}, {load} 0.01 MPa: contact pressures of rigid blocks"
@@ -355,7 +355,7 @@ def _pressure_figures(evidence: Evidence) -> Iterator[_Drawn]:
         yield f"pressures-{case}", caption, partial(draw_pressure_comparison, *runs, title=title)
 
 
-def _cost_figure(evidence: Evidence) -> Iterator[_Drawn]:
+def _cost_figure(evidence: PaperEvidence) -> Iterator[_Drawn]:
     caption = (
         "CPU seconds of one tube over its number of contact facets; dashed, what the paper prints "
         "for its own machines."
@@ -363,7 +363,7 @@ def _cost_figure(evidence: Evidence) -> Iterator[_Drawn]:
     yield "cost", caption, partial(draw_cost, evidence)
 
 
-def _deformable_figures(evidence: Evidence) -> Iterator[_Drawn]:
+def _deformable_figures(evidence: PaperEvidence) -> Iterator[_Drawn]:
     from validation.paper.shown.figures_fem import (
         draw_displacements,
         draw_layer_comparison,

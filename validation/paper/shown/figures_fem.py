@@ -10,7 +10,7 @@ import numpy as np
 
 from geometry import Answer
 from validation.output.pictures.bodies import EYE
-from validation.output.pictures.canvas import Surface, View, merged
+from validation.output.pictures.canvas import Polygons, View, merged
 from validation.output.pictures.gallery import (
     Numbers,
     Panel,
@@ -32,10 +32,10 @@ from validation.paper.claims.deformable import (
     block_grid,
     pressure_pairs,
 )
-from validation.paper.evidence import Evidence, FloatArray
+from validation.paper.evidence import FloatArray, PaperEvidence
 
 
-def _runs(evidence: Evidence) -> Iterator[tuple[int, int, Answer]]:
+def _runs(evidence: PaperEvidence) -> Iterator[tuple[int, int, Answer]]:
     """Row, column and run of the five cases of both blocks."""
     for row, block in enumerate(BLOCKS):
         for column, case in enumerate(CASES):
@@ -46,7 +46,7 @@ def _runs(evidence: Evidence) -> Iterator[tuple[int, int, Answer]]:
 # Contact pressures of layer 7
 
 
-def draw_layer_comparison(evidence: Evidence, path: Path) -> None:
+def draw_layer_comparison(evidence: PaperEvidence, path: Path) -> None:
     """Draw figure pc_MBD_FEM: rigid beside deformable, each in units of its own largest pressure.
 
     All twelve of `pressure_pairs`.
@@ -63,7 +63,7 @@ def draw_layer_comparison(evidence: Evidence, path: Path) -> None:
             title = f"{block} {case}, {side}, {words}\nlargest {largest:.3g} MPa"
             quads = np.arange(corners.size // 3).reshape(-1, 4)
             colours = scale.of(values / largest)
-            facets = Surface(corners.reshape(-1, 3), quads, colours, lit=False)
+            facets = Polygons(corners.reshape(-1, 3), quads, colours, lit=False)
             view = View([facets], (0.0, 0.0, 1.0))
             columns[2 * (number % 2) + offset].append(Panel(title, view))
     title = "Contact pressures on the top and bottom faces of layer 7, seen along the axis"
@@ -87,7 +87,7 @@ def outer_surface(
         yield theta * radius, nodes[..., 2], values
 
 
-def draw_principal(evidence: Evidence, component: int, path: Path) -> None:
+def draw_principal(evidence: PaperEvidence, component: int, path: Path) -> None:
     """Draw σ₁ (component 0) or σ₃ (2) on the unrolled outer surface, five cases, both blocks."""
     symbol = ("σ₁", "σ₂", "σ₃")[component]
     columns: list[list[Panel]] = [[] for _ in CASES]
@@ -117,7 +117,7 @@ def _outer_view(
     heights = np.concatenate([z.ravel() for _, z, _ in faces])
     low, high = float(heights.min()), float(heights.max())
     window = np.array([0.0, low]), np.array([circle, high])
-    surface = Surface(*merged(bodies, 4), np.concatenate(shades), lit=False)
+    surface = Polygons(*merged(bodies, 4), np.concatenate(shades), lit=False)
     ticks = round_numbers(0.0, circle), round_numbers(low, high)
     numbers = Numbers("arc length [mm]", "z [mm]", *ticks)
     return View([surface], (0.0, 0.0, 1.0), margin=0.0, window=window), numbers
@@ -127,7 +127,7 @@ def _outer_view(
 # Displacements
 
 
-def draw_displacements(evidence: Evidence, path: Path) -> None:
+def draw_displacements(evidence: PaperEvidence, path: Path) -> None:
     """Draw figure disp: deformed tubes, five cases, both blocks."""
     columns: list[list[Panel]] = [[] for _ in CASES]
     for row, column, answer in _runs(evidence):

@@ -10,7 +10,7 @@ from rich.table import Table
 
 from validation.output.console import listing, tabled
 from validation.paper.reference import reference
-from validation.paper.tables import HEADS, count_words, lines_by_block, number
+from validation.paper.tables import HEADS, count_words, lines_by_block, printed_number
 from validation.paper.verdict import Truth
 
 
@@ -69,7 +69,7 @@ def _sensitivity_table(errata: list[dict[str, Any]]) -> Table:
         moved = [row["values"]["moved"].get(place) for row in errata]
         table.add_row(
             place,
-            number(quantity, reference()["table"][block][case][quantity]),
+            printed_number(quantity, reference()["table"][block][case][quantity]),
             f"{100 * error:+.1f}",
             *("" if other is None else f"{100 * other:+.1f}" for other in moved),
         )
@@ -81,7 +81,7 @@ def _counts(errata: list[dict[str, Any]]) -> list[str]:
     return [f"{v['to_the_digit']}/{v['of']}" for v in values]
 
 
-def print_study(data: Mapping[str, Any], console: Console) -> None:
+def print_deformable_study(data: Mapping[str, Any], console: Console) -> None:
     """Print verdicts, effects of parameters and rank correlations."""
     heads = list(dict.fromkeys(row["measure"] for row in data["claims"]))
     table = listing("The paper's geometric claims", "claim", *heads, show_lines=True)

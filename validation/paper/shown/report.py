@@ -24,9 +24,9 @@ from validation.pages.page import page_text
 from validation.pages.views import pressure_view, stress_view
 from validation.paper.claims.judge import claims, judge_claims
 from validation.paper.errata import show_errata
-from validation.paper.evidence import Evidence
-from validation.paper.reading import Sensitivity, sensitivity
-from validation.paper.shown.figures import CostRow, FigureFile, cost_rows, draw_figures
+from validation.paper.evidence import PaperEvidence
+from validation.paper.reading import ReadingVariant, reading_variants
+from validation.paper.shown.figures import CpuTimeRow, FigureFile, cost_rows, draw_figures
 from validation.paper.tables import compute_tables, count_words, lines_by_block
 from validation.paper.verdict import Truth
 
@@ -48,14 +48,14 @@ class Report:
 
     extent: Extent
     tables: dict[str, Any]
-    sensitivity: list[Sensitivity]
+    sensitivity: list[ReadingVariant]
     """The tables without one ingredient of the reading after the other."""
     half_block: str
     """By how much the half-block turn is better than the paper's."""
     claims: list[dict[str, Any]]
     errata: list[dict[str, Any]]
     figures: list[FigureFile]
-    costs: list[CostRow]
+    costs: list[CpuTimeRow]
     views: list[View3d]
     cpu_seconds: float
     """CPU time of this process and of the parameter study [s]."""
@@ -70,7 +70,7 @@ def write_report(
     """
     prepare_folder(folder)
     with following("report") as tell:
-        evidence = Evidence(
+        evidence = PaperEvidence(
             prepare_folder(folder / "data"),
             tell,
             deformable=extent is not Extent.QUICK,
@@ -80,7 +80,9 @@ def write_report(
         return report_evidence(evidence, folder, console, extent=extent)
 
 
-def report_evidence(evidence: Evidence, folder: Path, console: Console, *, extent: Extent) -> Path:
+def report_evidence(
+    evidence: PaperEvidence, folder: Path, console: Console, *, extent: Extent
+) -> Path:
     """Judge, draw and write what the evidence allows; return the page to open."""
     figures, data = prepare_folder(folder / "figures"), prepare_folder(folder / "data")
     start = time.process_time()
@@ -89,7 +91,7 @@ def report_evidence(evidence: Evidence, folder: Path, console: Console, *, exten
     _say(console, "tables")
     tables = compute_tables(evidence.rigid)
     _say(console, "what the tables depend on")
-    sensitive = sensitivity(evidence.rigid)
+    sensitive = reading_variants(evidence.rigid)
     _say(console, "claims")
     judged = judge_claims(evidence)
     _say(console, "errata")
@@ -139,7 +141,7 @@ _SHOWN = (6, 7, 8)
 _VIEW_MESH = ("mesh.around=36", "mesh.radial=4", "mesh.axial=10")
 
 
-def _views(evidence: Evidence) -> list[View3d]:
+def _views(evidence: PaperEvidence) -> list[View3d]:
     middle = f"layers {_SHOWN[0]} to {_SHOWN[-1]}"
     pipe = evidence.rigid("tsb1-pipe", *_VIEW_MESH)
     tunnel = evidence.rigid("thb0-tunnel", "mesh.edge=12", "mesh.radial=4")
@@ -174,7 +176,7 @@ def _page(report: Report) -> str:
     )
 
 
-def half_block_words(evidence: Evidence) -> str:
+def half_block_words(evidence: PaperEvidence) -> str:
     """Say by how much the half-block turn is better than that of one wave, at the largest f."""
     one, half = evidence.study.p_max, evidence.half_block.p_max
     f = evidence.study.axes[1][-1]

@@ -16,8 +16,8 @@ from geometry.loads import LoadCase
 from geometry.mesh import FloatArray
 from geometry.polyhedra.assembly import as_polyhedral, bare_joints
 from geometry.polyhedra.options import DetectionOptions
-from validation.stability.case import Verdict, case, judged
-from validation.stability.problems import relative
+from validation.stability.case import CaseVerdict, case, case_verdict
+from validation.stability.problems import relative_difference
 
 _EYE = np.eye(3)
 _GRAVITY = 9810.0
@@ -50,7 +50,7 @@ def _box(size: tuple[float, float, float], divisions: tuple[int, int, int]) -> B
 _FLOOR: Placed = (_box((400.0, 400.0, 50.0), (1, 1, 1)), _EYE, np.array([-200.0, -200.0, -50.0]))
 
 
-def _presses(*placed: Placed) -> Verdict:
+def _presses(*placed: Placed) -> CaseVerdict:
     """Bodies on the floor press on it with their weight, each for itself, and on nothing else."""
     assembly = _standing(_FLOOR, *placed)
     problem = Problem(
@@ -68,8 +68,8 @@ def _presses(*placed: Placed) -> Verdict:
     joint = np.unique(pairs, axis=0, return_inverse=True)[1].ravel()
     # Elastic blocks touch by slivers where they share an edge: by less than the residual.
     carried = np.bincount(joint, state.pressures * state.areas) > _RESIDUAL * weight
-    return judged(
-        ("lift against weight", relative(lift, weight), _RESIDUAL),
+    return case_verdict(
+        ("lift against weight", relative_difference(lift, weight), _RESIDUAL),
         ("joints that carry", int(carried.sum()), "==", len(placed)),
     )
 
@@ -80,43 +80,43 @@ def _cube(x: float, y: float, degrees: float = 0.0) -> Placed:
 
 
 @case()
-def dice_on_a_facet() -> Verdict:
+def dice_on_a_facet() -> CaseVerdict:
     """A cube of 5 mm on a facet of 400 mm: presses with its weight."""
     return _presses((_box((5.0, 5.0, 5.0), (3, 3, 3)), _EYE, np.array([1.0, -7.0, 0.0])))
 
 
 @case()
-def facets_turned() -> Verdict:
+def facets_turned() -> CaseVerdict:
     """A cube turned by 31° on the floor's facet: presses with its weight."""
     return _presses(_cube(0.0, 0.0, 31.0))
 
 
 @case()
-def over_the_rim() -> Verdict:
+def over_the_rim() -> CaseVerdict:
     """A cube whose part beyond the floor's rim has nothing under it."""
     return _presses(_cube(140.0, 0.0))
 
 
 @case()
-def blocks_share_an_edge() -> Verdict:
+def blocks_share_an_edge() -> CaseVerdict:
     """Cubes on a floor that share an edge: it carries nothing."""
     return _presses(_cube(0.0, 0.0), _cube(-100.0, -100.0))
 
 
-def _without_face(turn: Rotation) -> Verdict:
+def _without_face(turn: Rotation) -> CaseVerdict:
     cube = _box((100.0, 100.0, 100.0), (2, 2, 2))
     assembly = _standing(_FLOOR, (cube, turn.as_matrix(), np.zeros(3)))
     bare = bare_joints(as_polyhedral(assembly, DetectionOptions()))
-    return judged(("pairs that touch without a face", len(bare), "==", 1))
+    return case_verdict(("pairs that touch without a face", len(bare), "==", 1))
 
 
 @case()
-def block_on_its_edge() -> Verdict:
+def block_on_its_edge() -> CaseVerdict:
     """A deformable cube on its edge: a contact that it does not have."""
     return _without_face(Rotation.from_euler("y", -45.0, degrees=True))
 
 
 @case()
-def block_on_its_corner() -> Verdict:
+def block_on_its_corner() -> CaseVerdict:
     """A deformable cube on its corner: a contact that it does not have."""
     return _without_face(Rotation.align_vectors([[0.0, 0.0, 1.0]], np.ones((1, 3)))[0])

@@ -12,8 +12,8 @@ from geometry.polyhedra.assembly import PolyhedralAssembly, polyhedral_assembly
 from geometry.polyhedra.overlap import check_assembly
 from geometry.polyhedra.polyhedron import Polyhedron, convex_polyhedron
 from mbd import RigidResult, analyse
-from validation.stability.case import Verdict, case, judged
-from validation.stability.problems import relative
+from validation.stability.case import CaseVerdict, case, case_verdict
+from validation.stability.problems import relative_difference
 
 _EYE = np.eye(3)
 #: Forces of a few contacts: round-off, times the condition of the groove at hand.
@@ -56,14 +56,14 @@ _DOWN = np.array([0.0, 0.0, -1.0])
 
 def _stands_and_falls(
     placed: list[Placed], inside: FloatArray, outside: FloatArray, *, contacts: int | None = None
-) -> Verdict:
+) -> CaseVerdict:
     """A push at the first point is carried by forces that sum to it; at the second it is not."""
     _, stands = _pressed(placed, _DOWN, inside)
     _, falls = _pressed(placed, _DOWN, outside)
     total = float(stands.contact_forces.sum())
-    return judged(
+    return case_verdict(
         ("carried", stands.equilibrium.holds, ">=", 1),
-        ("forces against the push", relative(total, 1.0), _ROUND_OFF),
+        ("forces against the push", relative_difference(total, 1.0), _ROUND_OFF),
         ("carried beside it", falls.equilibrium.holds, 0),
         ("contacts", stands.n_contacts, "==" if contacts else ">=", contacts or 1),
     )
@@ -73,14 +73,14 @@ _FLOOR = box((400.0, 400.0, 50.0), "floor")
 
 
 @case()
-def edge_on_face() -> Verdict:
+def edge_on_face() -> CaseVerdict:
     """A wedge stands on its edge: carried over the edge, tips 1e-3 beside it."""
     placed = [_at(_FLOOR, -200.0, -200.0, -50.0), _at(_WEDGE, 0.0, 0.0, 0.0)]
     return _stands_and_falls(placed, np.array([0.0, 49.0, 60.0]), np.array([1e-3, 0.0, 60.0]))
 
 
 @case()
-def edge_beyond_face() -> Verdict:
+def edge_beyond_face() -> CaseVerdict:
     """An edge longer than its table: carried up to the table's rim."""
     table = box((100.0, 60.0, 50.0), "table")
     placed = [_at(table, -50.0, -30.0, -50.0), _at(_WEDGE, 0.0, 0.0, 0.0)]
@@ -88,7 +88,7 @@ def edge_beyond_face() -> Verdict:
 
 
 @case()
-def edge_across_an_edge() -> Verdict:
+def edge_across_an_edge() -> CaseVerdict:
     """Two edges cross in a point: faces carry nothing, edges do there, and tip 1e-3 beside it."""
     turn = Rotation.from_euler("zy", [90.0, 180.0], degrees=True).as_matrix()
     placed = [_at(_WEDGE, 0.0, 0.0, 0.0, turn), _at(_WEDGE, 0.0, 0.0, 0.0)]
@@ -97,7 +97,7 @@ def edge_across_an_edge() -> Verdict:
     edges, none = there.edges_and_corners, beside.edges_and_corners
     assert edges is not None
     assert none is not None
-    return judged(
+    return case_verdict(
         ("carried by faces", there.holds, 0),
         ("carried with edges", bool(edges.both.holds), ">=", 1),
         ("carried beside it", bool(none.both.holds), 0),
@@ -106,7 +106,7 @@ def edge_across_an_edge() -> Verdict:
 
 
 @case()
-def corner_on_face() -> Verdict:
+def corner_on_face() -> CaseVerdict:
     """A cube stands on its corner: carried there, tips 1e-3 beside it."""
     turn, _ = Rotation.align_vectors([[0.0, 0.0, 1.0]], np.ones((1, 3)))
     cube = box((50.0, 50.0, 50.0))
@@ -117,7 +117,7 @@ def corner_on_face() -> Verdict:
 
 
 @case()
-def rotated_faces() -> Verdict:
+def rotated_faces() -> CaseVerdict:
     """A cube turned by 45° on another: carried over their octagon, no more."""
     cube = box((100.0, 100.0, 100.0))
     turn = Rotation.from_euler("z", 45.0, degrees=True).as_matrix()
@@ -129,7 +129,7 @@ def rotated_faces() -> Verdict:
     return _stands_and_falls(placed, 0.9999 * way, 1.0001 * way, contacts=8)
 
 
-def _groove(degrees: float) -> Verdict:
+def _groove(degrees: float) -> CaseVerdict:
     """A wedge in a groove of two held wedges: N = W / (2 sin α) on each flank."""
     slope = np.tan(np.radians(degrees))
     height = 50.0 * min(1.0, 1.0 / slope)
@@ -144,26 +144,26 @@ def _groove(degrees: float) -> Verdict:
     on = np.zeros(len(placed))
     np.add.at(on, found.block_m[result.contact_index], result.contact_forces)
     expected = 1.0 / (2.0 * np.sin(np.radians(degrees)))
-    return judged(
+    return case_verdict(
         ("carried", result.equilibrium.holds, ">=", 1),
-        ("flank forces against W / (2 sin α)", relative(on[:2], expected), _ROUND_OFF),
+        ("flank forces against W / (2 sin α)", relative_difference(on[:2], expected), _ROUND_OFF),
     )
 
 
 @case()
-def spike_in_a_crack() -> Verdict:
+def spike_in_a_crack() -> CaseVerdict:
     """A wedge of half angle 1° in its crack: 28.6 loads per flank."""
     return _groove(1.0)
 
 
 @case()
-def nearly_flat_groove() -> Verdict:
+def nearly_flat_groove() -> CaseVerdict:
     """A groove of 89.9°, normals 0.2° apart: half the load per flank."""
     return _groove(89.9)
 
 
 @case()
-def small_on_large() -> Verdict:
+def small_on_large() -> CaseVerdict:
     """A cube of 1 mm on a plate of 10 m: carried over its face, no more."""
     cube, plate = box((1.0, 1.0, 1.0)), box((1e4, 1e4, 10.0))
     placed = [_at(plate, -5e3, -5e3, -10.0), _at(cube, 1234.5, -321.0, 0.0)]
@@ -172,7 +172,7 @@ def small_on_large() -> Verdict:
 
 
 @case()
-def one_edge_alone() -> Verdict:
+def one_edge_alone() -> CaseVerdict:
     """Cubes whose edges coincide: no contact is invented between them."""
     cube = box((50.0, 50.0, 50.0))
     cubes = (_at(cube, -50.0, -50.0, 0.0), _at(cube, 0.0, 0.0, 0.0))
@@ -181,7 +181,7 @@ def one_edge_alone() -> Verdict:
     _, leans = _pressed(placed, _DOWN + np.array([-0.1, -0.1, 0.0]))
     result = assembly.interfaces
     between = int(((result.block_m == 1) & (result.block_s == 2)).sum())
-    return judged(
+    return case_verdict(
         ("contacts between them", between, 0),
         ("carried by the floor", weighs.equilibrium.holds, ">=", 1),
         ("held by the other's edge", leans.equilibrium.holds, 0),

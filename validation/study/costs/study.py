@@ -17,10 +17,10 @@ from geometry.answer import Answer
 from validation.build.cell import refuse_cell
 from validation.case import Case, Method
 from validation.errors import InputError
-from validation.output.answer_files import answer_of
+from validation.output.answer_files import answer_of_data
 from validation.output.provenance import processor
 from validation.study.cases import CaseStudy
-from validation.study.design import Row
+from validation.study.design import DesignRow
 from validation.study.rowfile import StudyRows
 from validation.study.run import runner_for, sweep
 
@@ -187,7 +187,7 @@ class _Measured(CaseStudy):
 
 
 def _seconds(answer: dict[str, Any]) -> float:
-    return cpu_seconds(answer_of(answer))
+    return cpu_seconds(answer_of_data(answer))
 
 
 def run_cost(
@@ -211,14 +211,14 @@ def run_cost(
     study = _Measured(case.name, "fem", (("case", names),), cases=tuple(cases.values()))
     results = StudyRows(store, study)
 
-    def follow(row: Row) -> None:
+    def follow(row: DesignRow) -> None:
         progress(f"{names[row.number]}, {row.number + 1} of {len(names)}")
 
     sweep(results, runner_for(study), retry_failed=True, on_row=follow)
     failures, answers, processors = {}, {}, set()
     for row in results.rows():
         if row["status"] == "ok":
-            answers[row["case"]] = answer_of(row["answer"])
+            answers[row["case"]] = answer_of_data(row["answer"])
             processors.add(row["processor"])
         else:
             failures[row["case"]] = row["message"]

@@ -29,8 +29,8 @@ from validation.study.effects.probe import (
     change,
     largest_slip_share,
     mesh_words,
-    numbers_of,
     probe_of,
+    quantities_of,
     solve_probe,
 )
 from validation.study.effects.switches import KeyChange, effects_of, key_changes, without_effect
@@ -232,7 +232,7 @@ class _Probe:
         without = None if self._base is None else self._run(case, f"without {names}")
         if self._base is None or without is None:
             return None
-        return change(numbers_of(self._base), numbers_of(without))
+        return change(quantities_of(self._base), quantities_of(without))
 
     def within(self, left_out: list[Decision], tolerance: float) -> bool:
         """Whether the probe without some effects is within the tolerance of the one with them."""

@@ -25,7 +25,7 @@ from validation.case import Case
 from validation.errors import InputError, named
 from validation.scene.deformable import EffectName
 from validation.solving import solve
-from validation.study.effects.probe import Numbers, change, numbers_of
+from validation.study.effects.probe import Quantities, change, quantities_of
 from validation.study.effects.switches import effects_of, key_changes, without_effect
 from validation.study.run import answered
 from validation.study.study import Study
@@ -63,7 +63,7 @@ def ready(case: Case) -> tuple[ExplicitSystem, Lanes]:
     return system, initial_state(system)
 
 
-def advance(system: ExplicitSystem, state: Lanes) -> float:
+def take_steps(system: ExplicitSystem, state: Lanes) -> float:
     """Do some steps; CPU seconds of one."""
     start = time.thread_time()
     for _ in range(TIMED_STEPS):
@@ -111,8 +111,8 @@ class EffectStudy(Study):
         if number == 0:
             system, state = ready(case)
             cost: dict[str, Any] = {"bytes": _bytes(system, state)}
-            advance(system, state)
-            cost["seconds_per_step"] = min(advance(system, state) for _ in range(ROUNDS))
+            take_steps(system, state)
+            cost["seconds_per_step"] = min(take_steps(system, state) for _ in range(ROUNDS))
         else:
             effect = self.effects[number - 1]
             changes = [change.as_json() for change in key_changes(base, case)]
@@ -173,7 +173,7 @@ def effect_costs(
         cost = dict(row["cost"])
         moved = None
         if answers:
-            moved = change(Numbers(**plain["answer"]), Numbers(**row["answer"]))
+            moved = change(Quantities(**plain["answer"]), Quantities(**row["answer"]))
             cost |= {key: 100.0 * value for key, value in asdict(moved).items()}
         costs.append(cost | {"matters": None if moved is None else moved.matters(tolerance)})
     return {
@@ -187,7 +187,7 @@ def effect_costs(
     }
 
 
-def _answer(case: Case) -> Numbers:
+def _answer(case: Case) -> Quantities:
     """Numbers of an explicit run, which arrives at its static state or is rejected."""
     solved = solve(case).details
     run = solved.run
@@ -201,16 +201,18 @@ def _answer(case: Case) -> Numbers:
             f"{case.name}: a run did not arrive at its static state by {run.time:.3g} s; expected "
             f"{remedy}, or none"
         )
-    return numbers_of(solved)
+    return quantities_of(solved)
 
 
 def _measured(case: Case, without: Case) -> dict[str, float]:
     """Costs of a case over those without one of its effects."""
     system, state = ready(case)
     plain_system, plain_state = ready(without)
-    advance(system, state)
-    advance(plain_system, plain_state)
-    rounds = [(advance(plain_system, plain_state), advance(system, state)) for _ in range(ROUNDS)]
+    take_steps(system, state)
+    take_steps(plain_system, plain_state)
+    rounds = [
+        (take_steps(plain_system, plain_state), take_steps(system, state)) for _ in range(ROUNDS)
+    ]
     plain, mine = (min(column) for column in zip(*rounds, strict=True))
     return {
         "step": mine / plain,

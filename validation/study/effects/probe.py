@@ -25,7 +25,7 @@ _PER_WAVE, _THROUGH, _OTHER = 4, 2, 4
 
 
 @dataclass(frozen=True)
-class Numbers:
+class Quantities:
     """The quantities by which effects are judged."""
 
     p_max: float
@@ -41,7 +41,7 @@ class Numbers:
         return self.p_max, self.p_eff, self.displacement
 
 
-class Change(Numbers):
+class Change(Quantities):
     """Relative change of each quantity [-]."""
 
     @property
@@ -61,12 +61,12 @@ class Change(Numbers):
         return f"{name} {100 * value:+.3g} %" if value else "no change"
 
 
-def numbers_of(solution: State) -> Numbers:
+def quantities_of(solution: State) -> Quantities:
     """Quantities of a run."""
-    return Numbers(solution.contact.p_max, solution.contact.p_eff, solution.largest_displacement)
+    return Quantities(solution.contact.p_max, solution.contact.p_eff, solution.largest_displacement)
 
 
-def change(before: Numbers, after: Numbers) -> Change:
+def change(before: Quantities, after: Quantities) -> Change:
     """Relative change from one answer to another; one, a hundred per cent, where it was zero."""
 
     def relative(a: float, b: float) -> float:

@@ -15,7 +15,7 @@ from rich.table import Table
 from validation.output.console import plain_console, tabled
 from validation.output.pictures.gallery import save_figure, subplots
 from validation.output.pictures.scales import BLUE, VERMILION
-from validation.study.optimisation.search import Point, Search, judged, run_search
+from validation.study.optimisation.search import Point, Search, judged_finalists, run_search
 from validation.study.optimisation.statement import Optimisation
 from validation.study.report import cell, lines_of_head, overlap
 from validation.study.rowfile import StudyRows
@@ -47,7 +47,7 @@ def optimise(
     if stated.judge is None:
         return SearchResult(search, [])
     rows = StudyRows(path, stated.judge)
-    return SearchResult(search, judged(search, rows, runner(stated.judge)))
+    return SearchResult(search, judged_finalists(search, rows, runner(stated.judge)))
 
 
 @dataclass(frozen=True, repr=False)

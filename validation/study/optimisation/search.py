@@ -14,7 +14,7 @@ from typing import Any
 
 from geometry.answer import title_of
 from validation.errors import InputError
-from validation.study.design import Row
+from validation.study.design import DesignRow
 from validation.study.optimisation.statement import Limit, Optimisation
 from validation.study.rowfile import StudyRows
 from validation.study.run import Runner, Tally, computed, sweep
@@ -312,7 +312,7 @@ def run_search(
     """Compute designs until the evaluations are spent; rows that the file holds count."""
     search.remember(results.rows())
 
-    def take(row: Row) -> None:
+    def take(row: DesignRow) -> None:
         point = search.take(row.flat)
         if on_point is not None and point is not None:
             on_point()
@@ -356,7 +356,7 @@ def _value_words(limit: Limit, row: Mapping[str, Any]) -> str:
     return f"{limit.name} {'no value' if value is None else f'{value:.5g}'}"
 
 
-def judged(search: Search, results: StudyRows, runner: Runner) -> list[Point]:
+def judged_finalists(search: Search, results: StudyRows, runner: Runner) -> list[Point]:
     """Compute the finalists with the answer that decides, best first; failed ones last."""
     stated = search.stated
     wanted = [p.places for p in search.finalists]

@@ -30,10 +30,10 @@ from validation.output.files import write_csv
 from validation.output.pictures.gallery import save_figure, subplots
 from validation.output.pictures.scales import BLUE, VERMILION
 from validation.solving import repeatable, solve
-from validation.study.design import Quantity, Row
+from validation.study.design import DesignRow, Quantity
 from validation.study.rowfile import StudyRows
 from validation.study.run import computed, runner_for
-from validation.study.study import Study, case_content, content_digest
+from validation.study.study import Study, case_content, data_digest
 
 Values = dict[str, Measure]
 #: Measures in the order of the table.
@@ -324,7 +324,7 @@ class PointStudy(Study):
     @cached_property
     def digest(self) -> str:
         """Digest of the scene and its method."""
-        return content_digest([super().digest, case_content(self.case)])
+        return data_digest([super().digest, case_content(self.case)])
 
     def content(self, number: int) -> Any:
         """Return key, value and number of meshes."""
@@ -357,7 +357,7 @@ class _Nearby:
         study = PointStudy(self.case.name, self.method, (("point", tuple(points)),), case=self.case)
         done = 0
 
-        def follow(row: Row) -> None:
+        def follow(row: DesignRow) -> None:
             nonlocal done
             done += 1
             self.tell(f"{row.parameters['point'][0] or 'as stated'}, {done} of {len(points)}")
