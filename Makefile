@@ -11,7 +11,7 @@ OUT    ?= out/demo
 export OMP_NUM_THREADS ?= 1
 export MPLBACKEND ?= Agg
 
-.PHONY: setup anew demo test thorough lowest processor check quick lint types floors spelling format bench frozen mutation docs pages wheel clean
+.PHONY: setup anew demo test thorough lowest processor check quick lint types floors spelling format bench frozen changes docs pages wheel clean
 
 setup: $(VENV)/.installed
 
@@ -34,11 +34,11 @@ demo: setup
 	$(BIN)/tubelock export tsb1-pipe --set assembly.layers=2 --flavour calculix --output $(OUT)/tsb1-pipe.inp
 
 test: setup
-	$(BIN)/python -m pytest -n 2 --dist worksteal -m "not thorough" --durations 40 --durations-min 3
+	$(BIN)/python -m pytest -n 2 --dist worksteal -m "not thorough" --durations 50 --durations-min 3
 
 # More of the kinds of tests that `make test` has one of: kill, Ctrl-C, Dask, random input, hard cases.
 thorough: setup
-	$(BIN)/python -m pytest -n 2 --dist worksteal -m thorough --durations 40 --durations-min 3
+	$(BIN)/python -m pytest -n 2 --dist worksteal -m thorough --durations 50 --durations-min 3
 
 # Quick tests with the lowest versions that pyproject.toml allows. Their environment stays in the
 # user's cache until pyproject.toml changes.
@@ -113,28 +113,12 @@ OLD ?= HEAD
 frozen: setup
 	$(BIN)/python -m tests.benchmarks.frozen $(OLD)
 
-# What the tests let pass: COUNT random small changes by cosmic-ray (cosmic-ray.toml) in a copy of the
-# last commit, about a minute each; the tests of a room must notice changes of it.
-COUNT ?= 40
-SEED  ?= 31
-TRIED  = out/mutation
-# Slips of a hand: not bits for numbers, not another annotation or decorator.
-SLIPS  = (RShift|LShift|BitXor|BitOr|BitAnd|Mod|FloorDiv|Pow)$$|BitOr_|Decorator|Exception
-SAMPLE = import random, re, sqlite3; s = sqlite3.connect("session.sqlite"); \
-  jobs = sorted(s.execute("select module_path, operator_name, occurrence, job_id from mutation_specs")); \
-  jobs = [job for job in jobs if not re.search("$(SLIPS)", job[1])]; \
-  kept = {job[-1] for job in random.Random($(SEED)).sample(jobs, $(COUNT))}; \
-  left = [job for job in s.execute("select job_id from work_items") if job[0] not in kept]; \
-  [s.executemany(f"delete from {t} where job_id = ?", left) for t in ("mutation_specs", "work_items")]; \
-  s.commit()
-mutation: export PATH := $(abspath $(BIN)):$(PATH)
-mutation: setup
-	$(BIN)/python -m pip install --quiet --group mutation
-	rm -rf $(TRIED)
-	git clone --quiet . $(TRIED)
-	cd $(TRIED) && cosmic-ray init cosmic-ray.toml session.sqlite && python -c '$(SAMPLE)'
-	cd $(TRIED) && cosmic-ray exec cosmic-ray.toml session.sqlite
-	cd $(TRIED) && cr-report --show-diff --surviving-only session.sqlite && cr-rate session.sqlite
+# What the tests let pass: random small changes of mechanics in a copy of the last commit, each beside
+# the tests that run its line.
+COUNT ?= 80
+SEED  ?= 20261129
+changes: setup
+	$(BIN)/python -m tests.benchmarks.changes --count $(COUNT) --seed $(SEED)
 
 # The site, without network. The first build runs the gallery, about half an hour; runs are cached
 # in out/gallery. `make docs GALLERY=cached` runs nothing and takes about a minute.

@@ -32,6 +32,9 @@ QUICK = [
     "zero-load-rigid",
     "zero-load-static",
 ]
+#: Those of which `make test` has one of the kind: a kill in `tests/study`, and energy over 300 000
+#: steps in `tests/fem/test_central_difference.py`.
+THOROUGH = ("killed", "steps-1e6")
 #: Cases whose honest answer is a refusal; all others are green.
 REFUSED = {
     "amplitude-too-large",
@@ -55,11 +58,13 @@ REFUSED = {
 
 def marks(case: Statement) -> list[pytest.MarkDecorator]:
     """How the tests of a case are chosen."""
+    if case.name in THOROUGH:
+        return [pytest.mark.thorough]
     return [pytest.mark.quick] if case.name in QUICK else [pytest.mark.slow] if case.slow else []
 
 
 def test_named_cases_exist() -> None:
-    assert {*QUICK, *REFUSED} <= {case.name for case in cases()}
+    assert {*QUICK, *REFUSED, *THOROUGH} <= {case.name for case in cases()}
 
 
 @pytest.mark.parametrize("case", [pytest.param(c, id=c.name, marks=marks(c)) for c in cases()])

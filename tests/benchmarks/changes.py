@@ -1,0 +1,284 @@
+"""What tests let pass: random small changes of mechanics, each beside the tests that run its line.
+
+``python -m tests.benchmarks.changes [--count 80] [--seed 20261129] [--marks quick]``: a copy of the
+last commit is changed in one place at a time, an operator, a comparison, a constant or a sign. The
+tests of the same room that run the line are repeated, the most special ones first, until one fails.
+Lines of compiled functions are not seen: those that name the function stand for them.
+"""
+
+from __future__ import annotations
+
+import argparse
+import ast
+import json
+import os
+import random
+import re
+import shutil
+import subprocess
+import sys
+import time
+from collections import defaultdict
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+ROOMS = ("geometry", "mbd", "fem")
+#: No mechanics: how functions are compiled, and how text of other programs is read.
+LEFT_OUT = ("geometry/compilation/", "geometry/files/", "fem/decks/read/")
+#: What tests of one change may take, before it and with it [s].
+SECONDS, LIMIT = 10.0, 300.0
+SWAPS: dict[type, tuple[type, ...]] = {
+    ast.Add: (ast.Sub,), ast.Sub: (ast.Add,), ast.Mult: (ast.Div,), ast.Div: (ast.Mult,),
+    ast.Lt: (ast.LtE, ast.Gt), ast.Gt: (ast.GtE, ast.Lt), ast.LtE: (ast.Lt, ast.GtE),
+    ast.GtE: (ast.Gt, ast.LtE), ast.Eq: (ast.NotEq,), ast.NotEq: (ast.Eq,), ast.Is: (ast.IsNot,),
+    ast.IsNot: (ast.Is,), ast.And: (ast.Or,), ast.Or: (ast.And,),
+}  # fmt: skip
+
+
+def changed(node: ast.AST) -> Iterator[str]:
+    """Text of an expression after each small change of its outermost part."""
+    match node:
+        case ast.BinOp(left, operator, right):
+            new = SWAPS.get(type(operator), ())
+            yield from (ast.unparse(ast.BinOp(left, swap(), right)) for swap in new)
+        case ast.BoolOp(operator, values):
+            yield from (ast.unparse(ast.BoolOp(s(), values)) for s in SWAPS[type(operator)])
+        case ast.Compare(left, [first, *rest], right):
+            new = SWAPS.get(type(first), ())
+            yield from (ast.unparse(ast.Compare(left, [s(), *rest], right)) for s in new)
+        case ast.UnaryOp(ast.USub() | ast.Not(), operand):
+            yield ast.unparse(operand)
+        case ast.Constant(value) if type(value) is int:
+            yield repr(value + 1)
+        case ast.Constant(value) if type(value) is float:
+            yield repr(1.1 * value or 1.0)
+
+
+def places(node: ast.AST, statement: ast.AST) -> Iterator[tuple[ast.expr, ast.AST, str]]:
+    """Expressions, the statements that hold them, and their text after a change."""
+    if isinstance(node, ast.stmt):
+        statement = node
+    for text in changed(node):
+        yield node, statement, f"({text})"  # type: ignore[misc]
+    for name, field in ast.iter_fields(node):
+        for child in field if isinstance(field, list) else [field]:
+            # Neither words of messages nor types.
+            words = isinstance(child, ast.JoinedStr | ast.Raise | ast.Assert)
+            if isinstance(child, ast.AST) and not words and name not in ("annotation", "returns"):
+                yield from places(child, statement)
+
+
+class Change:
+    """One expression of one file with other text."""
+
+    def __init__(self, file: str, node: ast.expr, statement: ast.AST, text: str) -> None:
+        self.file, self.text = file, text
+        self.place = (node.lineno, node.col_offset, node.end_lineno, node.end_col_offset)
+        self.lines = range(statement.lineno, statement.end_lineno + 1)  # type: ignore[attr-defined]
+        if not isinstance(statement, ast.Assign | ast.AugAssign | ast.Return | ast.Expr):
+            self.lines = range(node.lineno, (node.end_lineno or 0) + 1)
+        self.old = ""
+
+    def apply(self, source: str) -> str:
+        first, start, last, end = self.place
+        lines = source.encode().splitlines(keepends=True)
+        head, tail = b"".join(lines[: first - 1]), b"".join(lines[last:])
+        within = b"".join(lines[first - 1 : last])
+        stop = len(within) - len(lines[last - 1]) + end
+        self.old = within[start:stop].decode()
+        return (head + within[:start] + self.text.encode() + within[stop:] + tail).decode()
+
+
+def changes(tree: Path) -> list[Change]:
+    """All small changes of the rooms, in the order of their files."""
+    files = sorted(f for room in ROOMS for f in (tree / room).rglob("*.py"))
+    names = [
+        name for f in files if not (name := f.relative_to(tree).as_posix()).startswith(LEFT_OUT)
+    ]
+    parsed = ((name, ast.parse((tree / name).read_text("utf-8"))) for name in names)
+    return [Change(name, *found) for name, module in parsed for found in places(module, module)]
+
+
+class Lines:
+    """Lines that each test runs (a plugin of pytest; `sys.monitoring` tells a line once a test)."""
+
+    def __init__(self, tree: Path) -> None:
+        self.top = f"{tree}{os.sep}"
+        self.rooms = tuple(f"{self.top}{room}{os.sep}" for room in ROOMS)
+        self.seen: set[tuple[str, int]] = set()
+        self.tests: dict[str, Any] = {}
+        self.failed: set[str] = set()
+
+    def line(self, code: Any, number: int) -> Any:
+        if code.co_filename.startswith(self.rooms):
+            self.seen.add((code.co_filename[len(self.top) :], number))
+        return sys.monitoring.DISABLE
+
+    @pytest.hookimpl(wrapper=True)
+    def pytest_runtest_protocol(self, item: pytest.Item) -> Iterator[None]:
+        self.seen.clear()
+        sys.monitoring.restart_events()
+        start = time.process_time()
+        result = yield
+        kept: dict[str, list[int]] = defaultdict(list)
+        for file, number in self.seen:
+            kept[file].append(number)
+        self.tests[item.nodeid] = {"seconds": time.process_time() - start, "lines": kept}
+        return result
+
+    def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
+        if report.failed:
+            self.failed.add(report.nodeid)
+
+
+def watch(out: Path, words: list[str]) -> None:
+    """Run tests of the folder and keep which lines each one runs."""
+    plugin = Lines(Path.cwd())
+    sys.monitoring.use_tool_id(sys.monitoring.COVERAGE_ID, "changes")
+    line = sys.monitoring.events.LINE
+    sys.monitoring.register_callback(sys.monitoring.COVERAGE_ID, line, plugin.line)
+    sys.monitoring.set_events(sys.monitoring.COVERAGE_ID, line)
+    pytest.main(["-q", "-p", "no:cacheprovider", *words], plugins=[plugin])
+    passed = {name: seen for name, seen in plugin.tests.items() if name not in plugin.failed}
+    out.write_text(json.dumps(passed))
+
+
+def _holders(file: Path) -> dict[int, tuple[str, bool]]:
+    tree, result = ast.parse(file.read_text("utf-8")), dict[int, tuple[str, bool]]()
+    for node in tree.body:
+        target = node.targets[0] if isinstance(node, ast.Assign) else node
+        target = getattr(target, "target", target)
+        name = getattr(target, "id", getattr(target, "name", ""))
+        result |= dict.fromkeys(range(node.lineno, (node.end_lineno or 0) + 1), (name, False))
+        for part in ast.walk(node):
+            if isinstance(part, ast.FunctionDef):
+                body = range(part.body[0].lineno, (part.end_lineno or 0) + 1)
+                result |= dict.fromkeys(body, (name, True))
+    return result
+
+
+class Related:
+    """Tests of each line."""
+
+    def __init__(self, tree: Path, tests: dict[str, Any]) -> None:
+        self.tree, self.tests = tree, tests
+        self.by_line: dict[tuple[str, int], set[str]] = defaultdict(set)
+        for test, seen in tests.items():
+            for file, numbers in seen["lines"].items():
+                for number in numbers:
+                    self.by_line[file, number].add(test)
+        files = {f.relative_to(tree).as_posix(): f for r in ROOMS for f in (tree / r).rglob("*.py")}
+        self.holders = {name: _holders(file) for name, file in files.items()}
+        self.text = {name: f.read_text("utf-8").splitlines() for name, f in files.items()}
+
+    def of(self, file: str, lines: range) -> set[str]:
+        """Tests that run lines; of what is run once or compiled, those that run what names it."""
+        holder, inside = self.holder(file, lines.start)
+        found = {test for n in lines for test in self.by_line[file, n]}
+        known = {(file, holder)}
+        level = [] if (inside and found) or not holder else [holder]
+        while level and len(known) < 40:
+            found, names = set(), re.compile(rf"\b(?:{'|'.join(level)})\b")
+            lines_of = [
+                (other, n)
+                for other, text in self.text.items()
+                for n, line in enumerate(text, 1)
+                if names.search(line)
+            ]
+            users = {(other, *self.holder(other, n)): (other, n) for other, n in lines_of}
+            for other, n in lines_of:
+                if self.holder(other, n)[1]:
+                    found |= self.by_line[other, n]
+            if found:
+                return found
+            level = [name for other, name, inside in users if name and (other, name) not in known]
+            known |= {(other, name) for other, name, _ in users}
+        return found
+
+    def holder(self, file: str, line: int) -> tuple[str, bool]:
+        """Name that a module gives to what holds a line, and whether calls run the line."""
+        return self.holders[file].get(line, ("", False))
+
+    def chosen(self, change: Change) -> list[str]:
+        """Tests of the same room, the most special ones first, as many as take ten seconds."""
+        room = f"tests/{change.file.partition('/')[0]}/"
+        found = [test for test in self.of(change.file, change.lines) if test.startswith(room)]
+
+        def breadth(test: str) -> float:
+            lines = sum(map(len, self.tests[test]["lines"].values()))
+            return float(lines) * (1.0 + self.tests[test]["seconds"])
+
+        left, result = SECONDS, []
+        for test in sorted(found, key=breadth):
+            left -= self.tests[test]["seconds"]
+            if left < 0.0:
+                break
+            result.append(test)
+        return result
+
+
+def _paths(tree: Path) -> dict[str, str]:
+    return {**os.environ, "PYTHONPATH": str(tree), "PYTHONDONTWRITEBYTECODE": "1"}
+
+
+def outcome(tree: Path, change: Change, tests: list[str]) -> str:
+    """Test that fails with a change, "time" if they do not end, "" if all pass."""
+    file = tree / change.file
+    source = file.read_text("utf-8")
+    file.write_text(change.apply(source), "utf-8")
+    try:
+        words = [sys.executable, "-m", "pytest", "-x", "-q", "-p", "no:cacheprovider", *tests]
+        run = subprocess.run(
+            words,
+            cwd=tree,
+            env=_paths(tree),
+            capture_output=True,
+            text=True,
+            timeout=LIMIT,
+            check=False,
+        )
+    except subprocess.TimeoutExpired:
+        return "time"
+    finally:
+        file.write_text(source, "utf-8")
+    if run.returncode == 0:
+        return ""
+    failed = [line for line in run.stdout.splitlines() if line.startswith(("FAILED", "ERROR"))]
+    return failed[0].split(" - ")[0] if failed else run.stderr.strip().splitlines()[-1]
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--count", type=int, default=80)
+    parser.add_argument("--seed", type=int, default=20261129)
+    parser.add_argument("--marks", default="quick and not slow and not thorough")
+    parser.add_argument("--out", type=Path, default=Path("out/changes"))
+    parser.add_argument("--first", type=int, default=0)
+    asked = parser.parse_args()
+    out = asked.out.resolve()
+    tree, seen = out / "tree", out / "lines.json"
+    if not seen.exists():
+        shutil.rmtree(out, ignore_errors=True)
+        subprocess.run(["git", "clone", "-q", ".", str(tree)], check=True)
+        words = ["-m", asked.marks, *(f"tests/{room}" for room in ROOMS)]
+        code = f"import sys; sys.path[0] = {str(tree)!r}; from pathlib import Path; "
+        code += (
+            f"from tests.benchmarks import changes; changes.watch(Path({str(seen)!r}), {words!r})"
+        )
+        subprocess.run([sys.executable, "-c", code], cwd=tree, check=True)
+    related = Related(tree, json.loads(seen.read_text("utf-8")))
+    found = random.Random(asked.seed).sample(changes(tree), asked.count)
+    for number, change in enumerate(found[asked.first :], asked.first + 1):
+        tests = related.chosen(change)
+        start = time.monotonic()
+        result = outcome(tree, change, tests) if tests else ""
+        line, took = change.place[0], time.monotonic() - start
+        print(f"{number}\t{change.file}:{line}\t{change.old} -> {change.text}\t"
+              f"{result or 'SURVIVED'}\t{len(tests)}\t{took:.0f}", flush=True)  # fmt: skip
+
+
+if __name__ == "__main__":
+    main()
