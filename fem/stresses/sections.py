@@ -23,7 +23,7 @@ import numpy as np
 
 from fem.stresses.recovery import block_displacements
 from fem.system.state import ContactState, corner_displacements
-from fem.system.system import NodeMap, System
+from fem.system.system import System
 from geometry.assembly import Assembly
 from geometry.mesh import BoolArray, FloatArray, IntArray, ReadOnlyArrays
 from geometry.parts.measures import Planes, SectionError, SectionForces, nothing_cut, section_rows
@@ -100,8 +100,9 @@ class SolvedState(ReadOnlyArrays):
     @cached_property
     def ends(self) -> IntArray:
         """Nodes of both facets of all pairs, m's first, (n, nodes of both)."""
-        every = NodeMap(self.starts, np.arange(self.starts[-1]))
-        return every.of_points(self.contact.surfaces)
+        facets = self.contact.surfaces
+        sides = (facets.block_m, facets.quads_m), (facets.block_s, facets.quads_s)
+        return np.concatenate([self.starts[of][:, None] + quads for of, quads in sides], axis=1)
 
     def contact_forces(self, rows: IntArray) -> FloatArray:
         """Contact forces on some `ends`, world axes, (n, nodes of both, 3) [N]."""

@@ -367,7 +367,7 @@ def _with_facets(system: System, orbits: Orbits) -> Orbits:
     # corners are those of the representative's opposing facet, in another order.
     nodes = system.in_sector(orbits).alike_nodes
     quads_m, quads_s = (
-        nodes.of_facets(blocks, quads[:, basis.corners]) for blocks, _, quads in sides
+        nodes[blocks[:, None], quads[:, basis.corners]] for blocks, _, quads in sides
     )
     rigid = end_m < 0
     end, one = np.where(rigid, end_s, end_m), np.where(rigid[:, None], quads_s, quads_m)

@@ -91,29 +91,6 @@ class Orbits:
 
 
 @dataclass(frozen=True)
-class NodeMap:
-    """A number for each node of all blocks."""
-
-    first: IntArray
-    """First node of each block, and the total; (n_blocks + 1,)."""
-    number: IntArray
-    """(n_nodes of all blocks,)"""
-
-    def of_block(self, block: int) -> IntArray:
-        """Numbers of the nodes of a block, (n_nodes,)."""
-        return self.number[self.first[block] : self.first[block + 1]]
-
-    def of_facets(self, blocks: IntArray, quads: IntArray) -> IntArray:
-        """Numbers of nodes (n, m) of facets of blocks (n,)."""
-        return self.number[self.first[blocks][:, None] + quads]
-
-    def of_points(self, points: ContactPoints) -> IntArray:
-        """Numbers of the nodes of both facets of contact points, m's first, (n, nodes of both)."""
-        sides = (points.block_m, points.quads_m), (points.block_s, points.quads_s)
-        return np.concatenate([self.of_facets(*side) for side in sides], axis=1)
-
-
-@dataclass(frozen=True)
 class System:
     """Deformable blocks with their contact, loads and supports, and which of them are computed."""
 
@@ -287,23 +264,23 @@ class System:
         return origins
 
     @cached_property
-    def alike_nodes(self) -> NodeMap:
-        """Node of its representative for each node of all blocks."""
+    def alike_nodes(self) -> IntArray:
+        """Node of its representative for each node of a block, (n_blocks, most nodes of one)."""
         assembly, over = self.assembly, self.orbits.over
-        same = [np.arange(shape.mesh.n_nodes) for shape in assembly.shapes]
-        onto = [
-            (same if over is None or not over.blocks[block] else over.nodes)[shape]
-            for block, shape in enumerate(assembly.shape_of)
-        ]
-        return NodeMap(np.cumsum([0, *map(len, onto)]), np.concatenate(onto))
+        every = np.arange(max(shape.mesh.n_nodes for shape in assembly.shapes))
+        result = np.tile(every, (assembly.n_blocks, 1))
+        for block in () if over is None else np.flatnonzero(over.blocks).tolist():
+            assert over is not None
+            onto = over.nodes[assembly.shape_of[block]]
+            result[block, : len(onto)] = onto
+        return result
 
     @cached_property
-    def rows(self) -> NodeMap:
-        """Row of the state of each node of all blocks, `n_nodes` for rigid ones."""
-        nodes = self.alike_nodes
+    def rows(self) -> IntArray:
+        """Row of the state of each node of a block, `n_nodes` of rigid ones, alike."""
         # A slot of -1 is that beyond the last.
-        number = nodes.number + np.repeat(self.node_start[self.slot_of], np.diff(nodes.first))
-        return replace(nodes, number=np.minimum(number, self.n_nodes))
+        first = self.node_start[self.slot_of]
+        return np.minimum(self.alike_nodes + first[:, None], self.n_nodes)
 
     @cached_property
     def points(self) -> ContactPoints:
@@ -312,11 +289,11 @@ class System:
         if points is None:
             points = self.surfaces.subset(self.orbits.facets)
             points = replace(points, weights=self.orbits.share * points.weights)
-        pairs = points.block_m, points.block_s
+        sides = (points.block_m, points.quads_m), (points.block_s, points.quads_s)
         return replace(
             points,
-            rows=self.rows.of_points(points),
-            axes=np.stack([self.frames[of] for of in pairs], axis=1),
+            rows=np.concatenate([self.rows[of[:, None], quads] for of, quads in sides], axis=1),
+            axes=np.stack([self.frames[of] for of, _ in sides], axis=1),
             n_rows=self.n_nodes,
             sides=points.sides if self.contact.friction else points.sides[:, :, :0],
         )
@@ -431,7 +408,7 @@ class System:
         """World displacements of every copy of each body, (n_copies, n_nodes, 3) [mm]."""
         result = [np.zeros((body.n_copies, body.n_nodes, 3)) for body in self.bodies]
         for block in self.deformable_blocks.tolist():
-            local = displacement[self.rows.of_block(block)]
+            local = displacement[self.rows[block, : self.body_of(block).n_nodes]]
             result[self.group_of[block]][self.copy_of[block]] = local @ self.frames[block].T
         return result
 

@@ -129,7 +129,7 @@ def _seen(
     sides = sides[::-1] if swapped else sides
     m, s = (int(blocks[0]) for blocks, _ in sides)
     both = [
-        system.alike_nodes.of_facets(blocks, quads[facets][:, corners]) for blocks, quads in sides
+        system.alike_nodes[blocks[:, None], quads[facets][:, corners]] for blocks, quads in sides
     ]
     turn = (both[0].argmin(axis=1)[:, None] + np.arange(4)) % 4
     quads = np.stack([np.take_along_axis(of, turn, axis=1) for of in both], axis=1)

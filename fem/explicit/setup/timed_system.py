@@ -332,7 +332,7 @@ def _areas(system: System) -> tuple[FloatArray, ...]:
     areas = tuple(np.zeros(group.n_nodes) for group in system.bodies)
     for block in system.deformable_blocks.tolist():
         largest = areas[system.group_of[block]]
-        np.maximum(largest, total[system.rows.of_block(block)], out=largest)
+        np.maximum(largest, total[system.rows[block, : len(largest)]], out=largest)
     return areas
 
 
