@@ -141,60 +141,68 @@ def follow(
         One for each point that was reached, at least one; the last one may be no equilibrium, or
         tell when it `stopped` (`fem.state.Evidence`).
     """
-    found = list[State]()
-    ahead, shortest = list(path[::-1]), _SHORTEST * (path[-1][1] or 0.0)
+    found, ahead = list[State](), list(path[::-1])
+    shortest = _SHORTEST * (path[-1][1] or 0.0)
     rate: FloatArray | None = None
     done: Target | None = None if state.displacement.any() else (0.0, None)
     while ahead:
-        factor, moment = ahead.pop()
-        guess = replace(state, load_factor=factor, time=moment, converged=False)
-        length = _length(done, (factor, moment))
-        leads = rate is not None and length > 0.0 and bool(moment) == bool(done and done[1])
-        if moment or leads:
-            pressures = problem.system.law.normal.pressure(state.gaps.overclosure)
-            more = 1.0 if moment else factor / state.load_factor
-            guess = replace(guess, pressed=more * float(pressures.max(initial=0.0)))
-        if moment and not problem.system.has_friction:
-            guess = held_in_motion(problem, guess)
-        near = None if moment else _near(known, factor)
-        if near is not None:
-            few = _SOON_HELD * guess.first_holding
-            guess = replace(guess, holding=min(guess.holding, few), pressed=None)
-            expected = problem.step.kept(problem.system.localised(near))
-            guess = _led_on(problem, guess, expected - state.displacement)
-        elif rate is not None and leads:
-            guess = _led_on(problem, guess, length * rate)
+        aim = factor, moment = ahead.pop()
+        begin, length = state.displacement, _length(done, aim)
+        leads = length > 0.0 and bool(moment) == bool(done and done[1])
+        way = length * rate if leads and rate is not None else None
+        guess = _guess(problem, state, aim, way, known)
+        middle = 0.5 * (state.load_factor + factor), 0.5 * ((state.time or 0.0) + (moment or 0.0))
+        shorter = bool(moment) and middle[1] - (state.time or 0.0) >= shortest
         try:
-            there, reached, goes_on = _equilibrium(problem, guess, state.displacement, search)
+            there, reached, goes_on = _equilibrium(problem, guess, begin, search)
         except StaticError:
-            shorter = moment and 0.5 * (moment - (state.time or 0.0)) >= shortest
             if not (shorter or any(s.time is not None and s.converged for s in found)):
                 raise
             there, reached, goes_on = problem, guess, False
         if moment and not reached.converged:
-            before, last = state.time or 0.0, state.residuals[-1:]
-            residuals = (*state.residuals[:-1], *reached.residuals[len(state.residuals) :], *last)
+            tried = reached.residuals[len(state.residuals) :]
+            residuals = (*state.residuals[:-1], *tried, *state.residuals[-1:])
             state = replace(state, residuals=residuals)
-            if 0.5 * (moment - before) >= shortest:
-                middle = 0.5 * (state.load_factor + factor), 0.5 * (before + moment)
-                ahead += [(factor, moment), middle]
+            if shorter:
+                ahead += [aim, middle]
                 continue
             if any(s.time and s.converged for s in found):
-                tried = replace(found[-1].evidence, residuals=state.residuals, stopped=moment)
-                return [*found[:-1], replace(found[-1], evidence=tried)]
+                stopped = replace(found[-1].evidence, residuals=residuals, stopped=moment)
+                return [*found[:-1], replace(found[-1], evidence=stopped)]
             return [*found, state_at(there, reached)]
-        rate = (reached.displacement - state.displacement) / length if length > 0.0 else None
-        done = (factor, moment)
-        problem, state = there, reached
+        rate = (reached.displacement - begin) / length if length > 0.0 else None
+        problem, state, done = there, reached, aim
         found.append(state_at(problem, state))
         if not goes_on:
             break
     return found
 
 
+def _guess(
+    problem: StaticProblem, state: Iterate, aim: Target, way: FloatArray | None, known: Known
+) -> Iterate:
+    """Where the iteration to the next point begins: a known state, or a ``way`` [mm] further on."""
+    factor, moment = aim
+    guess = replace(state, load_factor=factor, time=moment, converged=False)
+    if moment or way is not None:
+        pressures = problem.system.law.normal.pressure(state.gaps.overclosure)
+        more = 1.0 if moment else factor / state.load_factor
+        guess = replace(guess, pressed=more * float(pressures.max(initial=0.0)))
+    if moment and not problem.system.has_friction:
+        guess = held_in_motion(problem, guess)
+    above = [(load, u) for load, u in known if load >= factor and not moment]
+    if above:
+        near = min(above, key=lambda one: one[0])[1]
+        holding = min(guess.holding, _SOON_HELD * guess.first_holding)
+        guess = replace(guess, holding=holding, pressed=None)
+        way = problem.step.kept(problem.system.localised(near)) - state.displacement
+    return guess if way is None else _led_on(problem, guess, way)
+
+
 def state_at(problem: StaticProblem, last: Iterate) -> State:
     """State of all nodes from the last iterate of a point of a path."""
-    system, displacement = problem.system, completed(problem, last)
+    system = problem.system
+    displacement = problem.step.complete(last.displacement, last.load_factor)
     whole = unresisted_motions(system)
     if whole is not None:
         displacement = whole.without(displacement)
@@ -231,12 +239,6 @@ def _equilibrium(
         # What follows would start from a history that no equilibrium has.
         return problem, reached, False
     return problem, _advance_friction(problem, reached, begin), True
-
-
-def _near(known: Known, factor: float) -> tuple[FloatArray, ...] | None:
-    """The known state under the least load that is no less, if there is one."""
-    above = [(load, u) for load, u in known if load >= factor]
-    return min(above, key=lambda one: one[0])[1] if above else None
 
 
 def _length(done: Target | None, aim: Target) -> float:
@@ -387,11 +389,6 @@ def _searched(problem: StaticProblem) -> SearchedPoints:
     surfaces = problem.system.points
     assert isinstance(surfaces, SearchedPoints)
     return surfaces
-
-
-def completed(problem: StaticProblem, state: Iterate) -> FloatArray:
-    """Displacements of all nodes of a state, (n_nodes, 3) [mm]."""
-    return problem.step.complete(state.displacement, state.load_factor)
 
 
 def _advance_friction(problem: StaticProblem, state: Iterate, begin: FloatArray) -> Iterate:

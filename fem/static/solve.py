@@ -38,7 +38,6 @@ from fem.static.path import (
     PointSearch,
     StaticMethod,
     StaticOptions,
-    completed,
     follow,
     load_factors,
     points_of,
@@ -414,7 +413,8 @@ def _searched_anew(
     store: FlexibilityStore,
 ) -> tuple[StaticProblem, Iterate]:
     """The problem on the points of the place that a state has, and the state linearised there."""
-    system, everywhere = problem.system, completed(problem, state)
+    system = problem.system
+    everywhere = problem.step.complete(state.displacement, state.load_factor)
     points.displace(tuple(system.expand(everywhere)))
     points.search()
     there = problem_of(system.on(_found(points, system)), options, store)
