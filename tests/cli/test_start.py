@@ -40,7 +40,7 @@ UNUSED = (
         "geometry.polyhedra.facet_contact",
         "geometry.files.readers",
     ),
-    *("mbd.programs", "mbd.friction", "mbd.limits"),
+    *("mbd.programs", "mbd.friction.", "mbd.limits"),
     *("validation.output.pictures.canvas", "validation.output.pictures.gallery"),
     *("validation.study", "validation.pages", "validation.paper", "validation.stability"),
     *("mbd.held", "validation.build.polyhedra", "validation.scene.families.box"),
