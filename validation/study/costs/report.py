@@ -117,7 +117,7 @@ def _draw_panel(axes: Axes, study: CostStudy, quantity: str) -> None:
             place = (4, -11) if method == "explicit" else (4, 4)
             axes.annotate(words, point, place, **style_of_words, color=colour)
     axes.set_ylim(bottom, 2.0 * max(errors, default=1.0))
-    axes.margins(x=0.08)
+    axes.margins(x=0.15)  # room for the words at the last point
     axes.set_title(title_of(quantity).words, fontsize=11, loc="left")
     axes.grid(which="major", alpha=0.3)
     axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{100 * value:g}"))
