@@ -87,7 +87,9 @@ class Case:
             return self.stated
         from validation.build.problem import rigid_problem, scene_problem
 
-        return rigid_problem(self) if isinstance(self.method, Rigid) else scene_problem(self)
+        if isinstance(self.method, Rigid):
+            return rigid_problem(self.scene, self.name, self.blocks)
+        return scene_problem(self.scene, self.name)
 
     def check(self) -> Problem:
         """Return the problem, of which everything is rejected here that its method cannot answer.
@@ -304,6 +306,15 @@ def require_deformable(case: Case, command: str) -> None:
         raise InputError(
             f"{case.name}: block.type {case.kind!r} has no deformable blocks in "
             f"contact, and `tubelock {command}` needs them; expected a scene such as tsb1-pipe"
+        )
+
+
+def refuse_cell(case: Case, command: str) -> None:
+    """Reject a periodic cell where the whole tube is needed."""
+    if case.scene.is_cell:
+        raise InputError(
+            f'{case.name}: fem.symmetry: got "periodic cell"; `tubelock {command}` needs the whole '
+            'tube: expected "auto"'
         )
 
 

@@ -8,22 +8,17 @@ the number of layers.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 from geometry.assembly import Assembly
 from geometry.loads import CASES
 from validation.errors import InputError, named
 from validation.scene.family import RoundScene, round_types
 from validation.scene.plausibility import check_block_size
-
-if TYPE_CHECKING:
-    from validation.case import Case
+from validation.scene.read import DeformableScene
 
 
-def check_cell_of_scene(case: Case) -> RoundScene:
+def check_cell_of_scene(scene: DeformableScene, name: str) -> RoundScene:
     """Return the scene if a periodic cell can stand for it."""
-    scene = case.scene
-    head, remedy = f'{case.name}: fem.symmetry = "periodic cell"', 'expected that, or "auto"'
+    head, remedy = f'{name}: fem.symmetry = "periodic cell"', 'expected that, or "auto"'
     if not isinstance(scene, RoundScene):
         raise InputError(
             f"{head}: got block.type {scene.block.type!r}, whose layers are not those of a tube; "
@@ -57,19 +52,10 @@ def check_cell_of_scene(case: Case) -> RoundScene:
     return scene
 
 
-def build_cell(case: Case) -> Assembly:
+def build_cell(scene: DeformableScene, name: str) -> Assembly:
     """Two layers of a tube and the images that they meet."""
-    tube = check_cell_of_scene(case)
-    with named(case.name):
+    tube = check_cell_of_scene(scene, name)
+    with named(name):
         assembly = tube.build_cell()
-        check_block_size(tube, assembly)
+        check_block_size(scene, assembly)
     return assembly
-
-
-def refuse_cell(case: Case, command: str) -> None:
-    """Reject a periodic cell where the whole tube is needed."""
-    if case.scene.is_cell:
-        raise InputError(
-            f'{case.name}: fem.symmetry: got "periodic cell"; `tubelock {command}` needs the whole '
-            'tube: expected "auto"'
-        )

@@ -11,8 +11,7 @@ from dataclasses import replace
 from fem.decks.deck import Deck, Flavour
 from fem.decks.problem import problem_deck
 from fem.method import Explicit, Static
-from validation.build.cell import refuse_cell
-from validation.case import Case
+from validation.case import Case, refuse_cell
 from validation.errors import named
 from validation.scene.deformable import Method
 from validation.scene.polyhedra import STRAIGHT_EDGES

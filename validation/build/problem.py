@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -30,13 +30,9 @@ from validation.scene.plausibility import check_block_size, too_large_to_deform
 from validation.scene.polyhedra import PolyhedralScene
 from validation.scene.read import DeformableScene
 
-if TYPE_CHECKING:
-    from validation.case import Case
 
-
-def _refuse(case: Case) -> None:
+def _refuse(scene: DeformableScene, name: str) -> None:
     """Reject what no method of deformable blocks has, before blocks are built."""
-    scene, name = case.scene, case.name
     if scene.effects.auto is not None:
         raise InputError(
             f"{name}: effects.auto is decided by `tubelock fem` and `compare`; here, write the "
@@ -86,16 +82,15 @@ def build_law(scene: DeformableScene, assembly: AnyBlocks, *, sliding: bool) -> 
     return PairLaws(law, of_pairs) if of_pairs else law
 
 
-def _build_hexahedra(case: Case) -> LoadCase:
+def _build_hexahedra(scene: DeformableScene, name: str) -> LoadCase:
     """Build the load of a scene on its blocks, every one with hexahedra."""
-    scene = case.scene
     if isinstance(scene, PolyhedralScene):
         if scene.is_cell:
-            check_cell_of_scene(case)
+            check_cell_of_scene(scene, name)
         from validation.build.polyhedra import build_own_blocks
 
-        return build_own_blocks(scene, case.name)
-    return scene_load(scene, build_cell(case)) if scene.is_cell else build_blocks(scene)
+        return build_own_blocks(scene, name)
+    return scene_load(scene, build_cell(scene, name)) if scene.is_cell else build_blocks(scene)
 
 
 def scene_load(scene: AssemblyScene, assembly: Assembly) -> LoadCase:
@@ -150,10 +145,12 @@ def _stated(scene: DeformableScene, load: LoadCase, *, rigid: bool) -> Problem:
     )
 
 
-def rigid_problem(case: Case) -> Problem:
-    """State the problem of a scene for rigid blocks: solids stay solids."""
-    scene = case.scene
-    with named(case.name):
+def rigid_problem(scene: DeformableScene, name: str, known: Assembly | None = None) -> Problem:
+    """State the problem of a scene for rigid blocks: solids stay solids.
+
+    ``known`` are hexahedral blocks that are built already.
+    """
+    with named(name):
         if isinstance(scene, PolyhedralScene):
             from validation.build.polyhedra import build_live_load, build_polyhedra
 
@@ -163,20 +160,20 @@ def rigid_problem(case: Case) -> Problem:
             return _stated(scene, stated_load(scene, solids, load), rigid=True)
         if not scene.meets:
             raise InputError(
-                f"{case.name}: block.type {case.kind!r} is one deformable body without contacts; "
+                f"{name}: block.type {scene.block.type!r} is one deformable body without contacts; "
                 "`tubelock mbd` needs an assembly, such as tsb1-pipe"
             )
-        load = build_blocks(scene) if case.blocks is None else scene_load(scene, case.blocks)
+        load = build_blocks(scene) if known is None else scene_load(scene, known)
         return _stated(scene, load, rigid=True)
 
 
-def scene_problem(case: Case) -> Problem:
+def scene_problem(scene: DeformableScene, name: str) -> Problem:
     """State the problem of a scene for deformable blocks: solids have hexahedra."""
-    _refuse(case)  # before blocks are built that no memory holds
-    load = _build_hexahedra(case)
-    with named(case.name):
-        problem = _stated(case.scene, load, rigid=False)
-        cut = scene_planes(case.scene, problem.blocks)
+    _refuse(scene, name)  # before blocks are built that no memory holds
+    load = _build_hexahedra(scene, name)
+    with named(name):
+        problem = _stated(scene, load, rigid=False)
+        cut = scene_planes(scene, problem.blocks)
         if cut is not None:
             from fem.stresses.sections import check_planes
 

@@ -49,8 +49,7 @@ def compare(
         require_deformable(case, "compare")
         case, decision = decided(case, outputs.console, keep)
         with solver_progress(case.name) as show:
-            answers = compared_runs(case, explicit=explicit, progress=show)
-            result = report.compare_answers(answers)
+            result = report.compare_answers(compared_runs(case, explicit=explicit, progress=show))
             result = result.why() if why else result
         report.print_comparison(result, outputs.console)
         outputs.tell_keys()

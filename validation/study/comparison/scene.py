@@ -16,8 +16,7 @@ from fem.problem import Problem
 from fem.system.facing_blocks import facing_blocks
 from geometry.answer import Answer
 from mbd.options import Norm, Rigid
-from validation.build.cell import refuse_cell
-from validation.case import Case, Method
+from validation.case import Case, Method, refuse_cell
 from validation.errors import InputError
 from validation.solving import repeatable, solve
 

@@ -14,8 +14,7 @@ from typing import Any
 from fem.accuracy.converge import MOST_SECONDS, TARGETS, why_not_refined
 from fem.method import Explicit, Static
 from geometry.answer import Answer
-from validation.build.cell import refuse_cell
-from validation.case import Case, Method
+from validation.case import Case, Method, refuse_cell
 from validation.errors import InputError
 from validation.output.answer_files import answer_of_data
 from validation.output.provenance import processor

@@ -20,8 +20,7 @@ from fem.explicit.state import Lanes
 from fem.explicit.step import ExplicitSystem, step
 from fem.explicit.timed import TimedSystem
 from fem.method import Explicit
-from validation.build.cell import refuse_cell
-from validation.case import Case
+from validation.case import Case, refuse_cell
 from validation.errors import InputError, named
 from validation.scene.deformable import EffectName
 from validation.solving import solve
