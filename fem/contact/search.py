@@ -18,7 +18,7 @@ from scipy.spatial import cKDTree
 from fem.contact.cuts import OPPOSITE, carry_over, cut_facets
 from fem.contact.edge_points import ending_edges, matching_facets
 from fem.contact.normals import ContactNormals
-from fem.contact.surfaces import ContactPoints
+from fem.contact.surfaces import ContactPoints, of_no_system
 from fem.element.facet import FACET_CORNERS, bilinear, facet_areas, facet_functions
 from fem.element.functions import lobatto_points
 from geometry.machine.work import Operation, count
@@ -486,4 +486,5 @@ def points_of_search(
         facet_areas=areas[slave],
         farthest=points.farthest,
         origin=points.surfaces[0].origin,
+        **of_no_system(*corners.shape[:2]),
     )

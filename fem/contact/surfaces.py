@@ -71,20 +71,13 @@ class ContactPoints(ReadOnlyArrays):
     """Reference area of each point, (n, n_points) [mm²]."""
     clearance: float
     """Added to every gap, as if the surfaces lay half of it inside their blocks [mm]."""
-    rows: IntArray = field(default_factory=lambda: np.zeros((0, 0), np.int64), kw_only=True)
+    rows: IntArray = field(kw_only=True)
     """Row of the state of each node of both facets, m's first, `n_rows` of rigid blocks,
     (n, nodes of both)."""
-    axes: FloatArray = field(default_factory=lambda: np.zeros((0, 2, 3, 3)), kw_only=True)
+    axes: FloatArray = field(kw_only=True)
     """From the frames in which the state of both blocks is to the world, (n, 2, 3, 3)."""
     n_rows: int = field(default=0, kw_only=True)
     """Rows of the state."""
-
-    def __post_init__(self) -> None:
-        if len(self.axes) != (n := len(self.block_m)):  # of no system: nothing moves
-            nodes = self.functions.shape[-1]
-            vars(self)["axes"] = np.broadcast_to(np.eye(3), (n, 2, 3, 3))
-            vars(self)["rows"] = np.broadcast_to(np.zeros((), np.int64), (n, nodes))
-        super().__post_init__()
 
     @property
     def n_facets(self) -> int:
@@ -266,6 +259,12 @@ class Gaps:
         return self.x[..., 0]
 
 
+def of_no_system(n: int, n_nodes: int) -> dict[str, Any]:
+    """Rows and axes of points on so many pairs of facets whose nodes do not move."""
+    rows = np.broadcast_to(np.zeros((), np.int64), (n, n_nodes))
+    return {"rows": rows, "axes": np.broadcast_to(np.eye(3), (n, 2, 3, 3))}
+
+
 @dataclass(frozen=True)
 class MatchedFacets(ContactPoints):
     """Points of facets that match corner on corner."""
@@ -334,6 +333,7 @@ def matched_facets(
         clearance=clearance,
         facet=np.arange(len(blocks[0])),
         basis=basis,
+        **of_no_system(len(blocks[0]), basis.difference.shape[-1]),
     )
 
 
