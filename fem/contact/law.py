@@ -58,7 +58,7 @@ class ContactLawError(RefusedError):
 
 
 class LawConstants(NamedTuple):
-    """What the compiled functions need; the same seven numbers for every law."""
+    """What the compiled functions need; the same numbers for every law, and friction beside it."""
 
     start: float
     """Overclosure at which pressure begins (minus the clearance at zero pressure) [mm]."""
@@ -74,6 +74,10 @@ class LawConstants(NamedTuple):
     """Slope from there on [MPa/mm]."""
     linear_energy: float
     """Stored energy there [N/mm]."""
+    coefficient: float = 0.0
+    """Of the friction of a point [-]."""
+    stick: float = 1.0
+    """Stiffness of its stick [MPa/mm]."""
 
 
 def pressure_formula(

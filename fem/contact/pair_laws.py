@@ -111,7 +111,7 @@ class LawOfPoints(_SomeLaws):
 
     @cached_property
     def table(self) -> FloatArray:
-        """`LawConstants` of each facet or point, (n, 7), for compiled functions."""
+        """`LawConstants` of each facet or point, (n, 9), for compiled functions."""
         return np.array([law.constants for law in self.laws])[self.which]
 
     def _each(self, method: Callable[[ContactLaw], Any], at: npt.ArrayLike) -> FloatArray:

@@ -11,13 +11,14 @@ import numpy as np
 from numba import types
 from numba.extending import overload
 
-from fem.contact.law import ContactLaw, LawConstants
+from fem.contact.friction import Coulomb
+from fem.contact.law import LawConstants
 from fem.contact.pair_laws import LawOfPoints
 from geometry.mesh import FloatArray
 
 
 def law_at(law: Any, which: int) -> LawConstants:
-    """Constants of one facet or point, from those of all or from a table (n, 7)."""
+    """Constants of one facet or point, from those of all or from a table (n, 9)."""
     return law if isinstance(law, LawConstants) else LawConstants(*law[which])
 
 
@@ -32,20 +33,22 @@ def _law_at(law, which) -> Callable[..., Any]:  # noqa: ARG001 - types, not valu
             law[which, 4],
             law[which, 5],
             law[which, 6],
+            law[which, 7],
+            law[which, 8],
         )
     return lambda law, which: law  # noqa: ARG005
 
 
-def compiled_law(law: ContactLaw, clearance: float) -> LawConstants | FloatArray:
+def compiled_law(law: Coulomb, clearance: float) -> LawConstants | FloatArray:
     """Constants for kernels, in terms of overclosure plus clearance: a gap n · d of zero is open.
 
-    Of one law `LawConstants`, of `LawOfPoints` a row for each facet or point, (n, 7).
+    Of one law `LawConstants`, of several or of several coefficients of friction a row for each
+    facet or point, (n, 9).
     """
-    if isinstance(law, LawOfPoints):
-        moved = np.zeros(len(LawConstants._fields))
-        moved[[LawConstants._fields.index(name) for name in ("start", "linear_start")]] = clearance
-        return law.table + moved
-    constants = law.constants
-    return constants._replace(
-        start=constants.start + clearance, linear_start=constants.linear_start + clearance
-    )
+    normal, coefficient = law.normal, np.ravel(law.coefficient)
+    several = isinstance(normal, LawOfPoints)
+    rows = normal.table if isinstance(normal, LawOfPoints) else np.array([normal.constants])
+    rows = rows.copy() if several else np.repeat(rows, len(coefficient), axis=0)
+    rows[:, [LawConstants._fields.index(name) for name in ("start", "linear_start")]] += clearance
+    rows[:, -2], rows[:, -1] = coefficient, law.stick
+    return rows if several or np.ndim(law.coefficient) else LawConstants(*rows[0].tolist())

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fem.contact.friction import CoulombFriction, FrictionError
+from fem.contact.friction import CoulombFriction, FrictionError, coulomb
 from fem.contact.law import ContactLaw
 from fem.explicit.body import LaneBody
 from fem.explicit.contact.compiled_law import compiled_law
@@ -72,21 +72,10 @@ class BoundContact(Interaction):
         self._allowed: float | None = None
 
     def _set_constants(self, block_m: IntArray, block_s: IntArray) -> None:
-        """Law and friction between blocks m and s of each unit or point, (n,) each.
-
-        For kernels: constants of all, or a row for each; friction is coefficient and stick
-        stiffness, (2,) or (n, 2).
-        """
-        law, friction = self._statement.law, self._statement.friction
-        stick = self._statement.stick
-        self._law = law.on(block_m, block_s)
-        self._constants = compiled_law(self._law, self._statement.clearance)
-        self._rubs: FloatArray | None = None
-        if friction is not None and not friction.of_pairs:
-            self._rubs = np.array([friction.coefficient, stick])
-        elif friction is not None:
-            result = np.broadcast_to(friction.on(block_m, block_s), len(block_m))
-            self._rubs = np.column_stack([result, np.full(len(result), stick)])
+        """Law between blocks m and s of each unit or point, (n,) each, and its constants."""
+        stated = self._statement
+        law = coulomb(stated.law, stated.friction, stated.stick, block_m, block_s)
+        self._law, self._constants = law.normal, compiled_law(law, stated.clearance)
 
     @abstractmethod
     def _deepest(self) -> tuple[int, float, int, int] | None:

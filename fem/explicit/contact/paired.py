@@ -78,10 +78,10 @@ class _BoundFaces(BoundContact):
             else None
         )
         self._slip: FloatArray | None = None
-        self._sliding: tuple[FloatArray, FloatArray] | None = None
-        if self._rubs is not None:
+        self._lost: FloatArray | None = None
+        if statement.friction is not None:
             self._slip = _no_slip(self._data, self._work)
-            self._sliding = self._rubs, aligned_zeros((8 * len(self._data.units),))
+            self._lost = aligned_zeros((8 * len(self._data.units),))
         self._collections = _collections(self._data, len(self._work.force) // 2, bodies)
 
     def add_force(self, system: ExplicitSystem, state: Lanes) -> None:
@@ -95,7 +95,7 @@ class _BoundFaces(BoundContact):
             self._constants,
             self._normals,
             self._slip,
-            self._sliding,
+            self._lost,
             *self._widths,
         )
         for body, now, result in zip(system.bodies, state.bodies, self._collections, strict=True):
@@ -154,18 +154,18 @@ class _BoundFaces(BoundContact):
 
     def dissipation(self) -> float:
         """Energy dissipated by friction up to the last force evaluation [N mm]."""
-        if self._sliding is None:
+        if self._lost is None:
             return 0.0
-        lost = self._sliding[1].reshape(-1, 8)
+        lost = self._lost.reshape(-1, 8)
         real = np.arange(8) < self._data.units[:, 2:3]
         return float(lost[real].sum())
 
     def arrays(self) -> dict[str, LaneArray]:
         """Arrays that evolve, by name: slip and dissipation; other forces follow positions."""
-        if self._slip is None or self._sliding is None:
+        if self._slip is None or self._lost is None:
             return {}
         # The lanes of a unit are those of the processor: a checkpoint of another one does not fit.
-        return {f"slip of {WIDEST} lanes": self._slip, "dissipated": self._sliding[1]}
+        return {f"slip of {WIDEST} lanes": self._slip, "dissipated": self._lost}
 
     def _stick_energy(self, unit: int) -> float:
         """Energy of the elastic slip of one unit [N mm]."""

@@ -23,6 +23,7 @@ import numpy as np
 import numpy.typing as npt
 from numba import prange
 
+from fem.contact.friction import return_formula, slip_loss
 from fem.contact.law import pressure_formula
 from fem.explicit.contact.compiled_law import law_at
 from fem.explicit.kernels.forms import serial_and_parallel
@@ -43,7 +44,6 @@ from fem.explicit.kernels.lanes import (
     with_entry,
 )
 from fem.explicit.kernels.options import OPTIONS
-from fem.explicit.kernels.rubbing import rubs_of
 from fem.explicit.kernels.triples import (
     INLINED,
     cross,
@@ -179,6 +179,10 @@ def exponential_minus_one(x):
 #: `fem.contact.law.law_pressure` in every entry, without branches.
 lanes_pressure = njit(error_model="numpy", forceinline=True)(
     pressure_formula(larger, smaller, exponential_minus_one)
+)
+#: The return of friction alike.
+lanes_share = njit(error_model="numpy", forceinline=True)(
+    return_formula(larger, smaller, square_root)
 )
 
 
@@ -331,15 +335,13 @@ def _unit_loops(width: int) -> tuple[Callable[..., Any], Callable[..., Any], Cal
         return any_below(smaller(smaller(a, b), smaller(c, d)), 0.5 * NEVER)
 
     @njit(**INLINED)
-    def rub(unit, force, pressing, weight, d, normal, b, slip, at, point, sliding):
-        """Add the friction of one point to its force; updates slip and dissipation.
+    def rub(unit, law, force, pressing, weight, d, normal, b, slip, at, point, lost):
+        """Add the friction of one point to its force; updates slip and loss.
 
         Along ``b`` and across it. A point that opens loses the energy of its elastic slip, as one
         that slides without a limit; one that was open begins at its present slip.
         """
-        every, dissipated = sliding
-        friction = rubs_of(every, unit)
-        stiffness = weight * friction[1]
+        stiffness = weight * law.stick
         first = 4 * (at + point * width)
         none = zero()
         c = cross(normal, b)
@@ -349,15 +351,10 @@ def _unit_loops(width: int) -> tuple[Callable[..., Any], Callable[..., Any], Cal
         moved_x = where_below(last_x, 0.5 * NEVER, along - last_x, none)
         moved_y = where_below(last_x, 0.5 * NEVER, across - last_y, none)
         trial_x, trial_y = old_x + moved_x, old_y + moved_y
-        size = square_root(multiply_add(trial_x, trial_x, trial_y * trial_y))
-        limit = friction[0] * pressing / larger(stiffness * size, 1e-300)
-        share = smaller(1.0, limit)
+        share = lanes_share(trial_x, trial_y, stiffness, law.coefficient * pressing)
         new_x, new_y = share * trial_x, share * trial_y
-        # Work of the mean traction on what slipped.
-        lost_x = (old_x + new_x) * (moved_x - (new_x - old_x))
-        lost_y = (old_y + new_y) * (moved_y - (new_y - old_y))
-        lost = 0.5 * stiffness * (lost_x + lost_y)
-        store(dissipated, unit * 8, load(dissipated, unit * 8) + lost)
+        loss = slip_loss((old_x, old_y), (trial_x, trial_y), (new_x, new_y))
+        store(lost, unit * 8, multiply_add(0.5 * stiffness, loss, load(lost, unit * 8)))
         touching = where_below(none, pressing, 1.0, none)
         store(slip, first, new_x)
         store(slip, first + width, new_y)
@@ -372,7 +369,7 @@ def _unit_loops(width: int) -> tuple[Callable[..., Any], Callable[..., Any], Cal
 
     @njit(**OPTIONS)
     def facets(
-        unit, data, work, law, normals, slip, sliding, difference, middle, on_difference, on_middle
+        unit, data, work, law, normals, slip, lost, difference, middle, on_difference, on_middle
     ):
         kind, point = data.units[unit, 0], data.units[unit, 5]
         first, last = data.alike[kind, 1], data.alike[kind + 1, 1]
@@ -428,10 +425,10 @@ def _unit_loops(width: int) -> tuple[Callable[..., Any], Callable[..., Any], Cal
                 )
                 b0, b1 = _between(low, left, below, west), _between(low, right, below, east)
                 b2, b3 = _between(high, right, above, east), _between(high, left, above, west)
-                f0 = rub(unit, f0, q0, w[0], d[0], n0[0], b0, slip, at, 0, sliding)
-                f1 = rub(unit, f1, q1, w[1], d[1], n1[0], b1, slip, at, 1, sliding)
-                f2 = rub(unit, f2, q2, w[2], d[2], n2[0], b2, slip, at, 2, sliding)
-                f3 = rub(unit, f3, q3, w[3], d[3], n3[0], b3, slip, at, 3, sliding)
+                f0 = rub(unit, own, f0, q0, w[0], d[0], n0[0], b0, slip, at, 0, lost)
+                f1 = rub(unit, own, f1, q1, w[1], d[1], n1[0], b1, slip, at, 1, lost)
+                f2 = rub(unit, own, f2, q2, w[2], d[2], n2[0], b2, slip, at, 2, lost)
+                f3 = rub(unit, own, f3, q3, w[3], d[3], n3[0], b3, slip, at, 3, lost)
             for j in range(3):
                 spread(on_difference, corners, j, _at_points(f0[j], f1[j], f2[j], f3[j]))
             if normals is None:
@@ -477,7 +474,7 @@ _gather_1, _facets_1, _part_1 = _unit_loops(1)
 
 
 @njit(**OPTIONS)
-def _unit(unit, thread, data, displacements, work, law, normals, slip, sliding, wide, four, one):
+def _unit(unit, thread, data, displacements, work, law, normals, slip, lost, wide, four, one):
     kind, width = data.units[unit, 0], data.units[unit, 1]
     u_m = displacements[data.alike[kind, 2]]
     u_s = displacements[data.alike[kind, 3]]
@@ -486,33 +483,33 @@ def _unit(unit, thread, data, displacements, work, law, normals, slip, sliding, 
     if wide is not None:
         if width == REGISTER_DOUBLES:
             _gather(unit, data, u_m, u_s, d, m)
-            _facets(unit, data, work, law, normals, slip, sliding, d, m, on_d, on_m)
+            _facets(unit, data, work, law, normals, slip, lost, d, m, on_d, on_m)
             _part(unit, data, work, normals, on_d, on_m)
     if four is not None:
         if width == 4:
             _gather_4(unit, data, u_m, u_s, d, m)
-            _facets_4(unit, data, work, law, normals, slip, sliding, d, m, on_d, on_m)
+            _facets_4(unit, data, work, law, normals, slip, lost, d, m, on_d, on_m)
             _part_4(unit, data, work, normals, on_d, on_m)
     if one is not None:
         if width == 1:
             _gather_1(unit, data, u_m, u_s, d, m)
-            _facets_1(unit, data, work, law, normals, slip, sliding, d, m, on_d, on_m)
+            _facets_1(unit, data, work, law, normals, slip, lost, d, m, on_d, on_m)
             _part_1(unit, data, work, normals, on_d, on_m)
 
 
 @njit(**OPTIONS)
 def _units_of(
-    thread, threads, data, displacements, work, law, normals, slip, sliding, wide, four, one
+    thread, threads, data, displacements, work, law, normals, slip, lost, wide, four, one
 ):
     """Every unit whose turn it is; a range, whose step might be zero, could raise."""
     unit = thread
     while unit < len(data.units):
-        _unit(unit, thread, data, displacements, work, law, normals, slip, sliding, wide, four, one)
+        _unit(unit, thread, data, displacements, work, law, normals, slip, lost, wide, four, one)
         unit += threads
 
 
 @serial_and_parallel
-def contact_forces(data, displacements, work, law, normals, slip, sliding, wide, four, one):
+def contact_forces(data, displacements, work, law, normals, slip, lost, wide, four, one):
     """Gaps, pressures and forces of all units.
 
     Parameters
@@ -522,15 +519,14 @@ def contact_forces(data, displacements, work, law, normals, slip, sliding, wide,
     displacements
         Flat displacements of the groups, placement frames, (n_rows, 3, lanes) each.
     law
-        Constants of the contact law, or of that of each unit, (n_units, 7).
+        Constants of the contact law, or of that of each unit, (n_units, 9).
     normals
         None for current normals, or reference normals in the master frame, (n_facets, 4, 3).
     slip
         None without friction, or flat [facet][point][4][lane]: elastic slip along `slip_sides` of
         the mean surface, last position alike (`NEVER` where it did not touch) [mm].
-    sliding
-        None, or friction coefficient and stick stiffness, (2,) or (n_units, 2), and the energy
-        dissipated so far, flat (n_units, 8) [N mm].
+    lost
+        None, or the energy dissipated by friction so far, flat (n_units, 8) [N mm].
     wide, four, one
         None where no unit is `REGISTER_DOUBLES`, 4 or 1 wide: its loops are not compiled, a third
         of all.
@@ -546,7 +542,7 @@ def contact_forces(data, displacements, work, law, normals, slip, sliding, wide,
             law,
             normals,
             slip,
-            sliding,
+            lost,
             wide,
             four,
             one,

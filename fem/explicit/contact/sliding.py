@@ -128,7 +128,7 @@ class BoundSlidingContact(BoundContact):
         """Gaps and elastic slips of as many points as there is room for."""
         room = len(self.points.room.slave)
         self._gap = np.full(room, np.inf)
-        self._slip = None if self._rubs is None else np.zeros((room, 3))
+        self._slip = None if self._statement.friction is None else np.zeros((room, 3))
 
     def add_force(self, system: ExplicitSystem, state: Lanes) -> None:
         """Add contact forces at the current positions to the applied forces."""
@@ -162,7 +162,6 @@ class BoundSlidingContact(BoundContact):
             points.now.facet,
             points.now.xi,
             self._constants,
-            self._rubs,
             None if self._slip is None else self._slip[:n],
             self._dissipated,
             self._gap[:n],

@@ -17,12 +17,12 @@ from typing import Any
 
 import numpy as np
 
+from fem.contact.friction import return_formula, slip_loss
 from fem.contact.law import law_pressure
 from fem.explicit.contact.compiled_law import law_at
 from fem.explicit.kernels.forms import over_lanes
 from fem.explicit.kernels.lanes import REGISTER_DOUBLES, lane_operations, larger, store
 from fem.explicit.kernels.options import OPTIONS
-from fem.explicit.kernels.rubbing import rubs_of
 from fem.explicit.kernels.triples import dot, triple_of, triple_operations
 from geometry.compilation import njit
 
@@ -31,6 +31,8 @@ _PROJECTIONS = 6
 
 #: What Newton leaves of the natural coordinates: rounding.
 _LEFT = 1e-15
+
+_share = njit(error_model="numpy", forceinline=True)(return_formula(max, min, math.sqrt))
 
 
 # Vectors are tuples of three: they stay in registers, where small arrays would go through memory.
@@ -108,23 +110,20 @@ def _sides(first, second, normal):
 
 
 @njit(**OPTIONS)
-def _rub(p, friction, pressure, weight, moved, sides, slip, dissipated):
+def _rub(p, law, pressure, weight, moved, sides, slip, dissipated):
     """Friction of one point, whose way on the master is ``moved``; times its area.
 
     A point that opens loses the energy of its elastic slip, as one that slides without a limit; one
     that was open begins at its present slip.
     """
-    stiffness, (along, across) = friction[1], sides
+    stiffness, (along, across) = law.stick, sides
     x, y = slip[p, 0], slip[p, 1]
     to_x, to_y = x, y
     if slip[p, 2] != 0.0:
         to_x, to_y = x + _dot(moved, along), y + _dot(moved, across)
-    size = stiffness * math.sqrt(to_x * to_x + to_y * to_y)
-    limit = friction[0] * pressure
-    share = limit / size if size > limit else 1.0
+    share = _share(to_x, to_y, stiffness, law.coefficient * pressure)
     new_x, new_y = share * to_x, share * to_y
-    lost = (x + new_x) * (to_x - new_x) + (y + new_y) * (to_y - new_y)
-    dissipated[0] += 0.5 * weight * stiffness * lost
+    dissipated[0] += 0.5 * weight * stiffness * slip_loss((x, y), (to_x, to_y), (new_x, new_y))
     slip[p, 0], slip[p, 1], slip[p, 2] = new_x, new_y, 1.0 if pressure > 0.0 else 0.0
     pull = weight * stiffness
     new_x, new_y = pull * new_x, pull * new_y
@@ -137,7 +136,7 @@ def _rub(p, friction, pressure, weight, moved, sides, slip, dissipated):
 
 @njit(cache=True, **OPTIONS)
 def sliding_forces(
-    position, quads, slave, shapes, weights, facet, xi, law, friction, slip, dissipated, gap, force
+    position, quads, slave, shapes, weights, facet, xi, law, slip, dissipated, gap, force
 ):
     """Gaps and nodal forces of all points.
 
@@ -152,11 +151,10 @@ def sliding_forces(
     facet, xi
         Master facet of each point, (n,), and the closest point on it, (n, 2), updated.
     law
-        Constants of the contact law, in terms of -d · n, or of that of each point, (n, 7).
-    friction, slip, dissipated
-        None without friction; or coefficient and stick stiffness, (2,) or (n, 2), elastic slip
-        along the two sides [mm] and whether the point touches, (n, 3), and the energy lost so far
-        (1,) [N mm], updated.
+        Constants of the contact law, in terms of -d · n, or of that of each point, (n, 9).
+    slip, dissipated
+        None without friction; or elastic slip along the two sides [mm] and whether the point
+        touches, (n, 3), and the energy lost so far (1,) [N mm], updated.
     gap
         Out: d · n of each point, (n,) [mm].
     force
@@ -183,18 +181,18 @@ def sliding_forces(
         size = 1.0 / math.sqrt(_dot(normal, normal))
         normal = normal[0] * size, normal[1] * size, normal[2] * size
         gap[p] = _dot(away, normal)
-        pressure = law_pressure(-gap[p], law_at(law, p))
+        joint = law_at(law, p)
+        pressure = law_pressure(-gap[p], joint)
         if pressure == 0.0:
-            if friction is None:
+            if slip is None:
                 continue
             if slip[p, 2] == 0.0:
                 continue
         push = weights[p] * pressure
         pull = push * normal[0], push * normal[1], push * normal[2]
-        if friction is not None:
-            rubs = rubs_of(friction, p)
+        if slip is not None:
             sides = _sides(first, second, normal)
-            rub = _rub(p, rubs, pressure, weights[p], before[2], sides, slip, dissipated)
+            rub = _rub(p, joint, pressure, weights[p], before[2], sides, slip, dissipated)
             pull = _plus(pull, -1.0, rub)
         for k in range(4):
             _add(force, own[k], shapes[p, k], pull)
