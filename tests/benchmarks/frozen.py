@@ -201,6 +201,8 @@ def runs(name: str, trees: Sequence[Path]) -> list[dict[str, Any]]:
 
 def entries(data: Any, place: str = "") -> Iterator[tuple[str, Any]]:
     """Values of nested data with their places."""
+    if isinstance(data, Mapping) and data.get("group") == "time":
+        return
     if isinstance(data, Mapping):
         for key, value in data.items():
             if key == "status":
