@@ -8,7 +8,15 @@ from itertools import combinations
 import pytest
 
 from geometry import RefusedError
-from tests.support.pairs import BLOCKS, EFFECTS, METHODS, blocks_of, numbers
+from tests.support.pairs import (
+    BLOCKS,
+    EFFECTS,
+    LIMITS,
+    METHODS,
+    NEXT_TO_NONE,
+    blocks_of,
+    numbers,
+)
 
 _PRESSES = "loads: follows_block needs finite rotation"
 _TURNS = "springs: got blocks that may turn by any angle"
@@ -71,6 +79,10 @@ _SAME = 1e-5
 _SEARCHED = 1e-3
 #: An effect that nobody looks at changes no bit.
 _COUNTS = 1e-10
+#: Least scale of forces: loads are of hundreds of newtons, and forces far below are round-off.
+_LEAST = ("N", 1.0)
+#: A share of an effect changes a number by no more than so many times this share.
+_STEEPEST = 100.0
 #: Largest imbalance of a block that an answer may have.
 _BALANCED = 1e-6
 
@@ -145,3 +157,31 @@ def test_two_effects_act_together_or_are_rejected(method: str, a: str, b: str) -
             assert change <= (_SEARCHED if searched else _SAME), effect
         else:
             assert change > _COUNTS, effect
+
+
+def _near(method: str, effect: str) -> list[set[str]]:
+    """Effects near their limits beside another: all that leave free what was free, then others."""
+    alone = {"rigid": [], "static": ["moving support", "stiff springs"]}
+    supports = alone.get(method, ["moving support"])
+    others = LIMITS.keys() - {effect, "moving support", "stiff springs"}
+    if effect == "periodic cell":
+        others -= {"springs"}  # soft ones hold a cell that is free: rounding is above the residual
+    sets = [others, *({one} for one in supports if one != effect)]
+    return [{one for one in s if not refusals(method, frozenset({one, effect}))} for s in sets]
+
+
+@pytest.mark.parametrize(
+    ("method", "effect"),
+    [(m, e) for m in METHODS for e in EFFECTS if not ({e} & NO_OPTION[m] or e in REFUSED[m])],
+)
+def test_effects_near_their_limits_leave_another_alone(method: str, effect: str) -> None:
+    """μ, gap, prestress, gravity, loads, motion and soft springs → 0; stiff springs → a support."""
+    on, same = blocks_of((effect,)), {effect} | ({"equal steps"} if method == "explicit" else set())
+    for near in _near(method, effect):
+        both = numbers(frozenset({*same, *(f"{one} near its limit" for one in near)}), method, on)
+        limit = numbers(frozenset({*same, *(f"limit of {one}" for one in near)}), method, on)
+        # Rigid answers name in words what acts; a second support that moves renames work.
+        names = [name for name in limit if name in both and limit[name][0] != "row"]
+        ends = ({"least": _LEAST, **{k: of[k] for k in names}} for of in (both, limit))
+        change = difference(*ends)
+        assert change <= _STEEPEST * NEXT_TO_NONE, near

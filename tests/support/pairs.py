@@ -218,6 +218,50 @@ EFFECTS: dict[str, Callable[[Stated], Stated]] = {
 }
 METHODS = ("rigid", "static", "explicit")
 
+#: Share of an effect that is next to none.
+NEXT_TO_NONE = 1e-5
+
+
+def _moving(share: float) -> Callable[[Stated], Stated]:
+    return lambda one: one.holding("move", directions=Z[None], displacement=-0.002 * share * Z)
+
+
+def _pressed(one: Stated, *, follows: bool = False) -> Stated:
+    pressure = 0.005 * NEXT_TO_NONE
+    return one.loaded("live", lambda b, f: PressureLoad(b, f, pressure, follows_block=follows))
+
+
+#: Effects near a limit, and what is there at the limit.
+LIMITS: dict[str, tuple[Callable[[Stated], Stated], Callable[[Stated], Stated]]] = {
+    **{
+        name: (change, lambda one: one)
+        for name, change in {
+            "friction": lambda one: one.stating(friction=0.1 * NEXT_TO_NONE),
+            "gap": lambda one: one.stating(spacing=0.002 * NEXT_TO_NONE),
+            "prestress": lambda one: one.stating(clearance=-0.006 * NEXT_TO_NONE),
+            "gravity": lambda one: one.stating(
+                gravity=(0.0, 0.0, -9810.0 * NEXT_TO_NONE), check_units=False
+            ),
+            "live load": _pressed,
+            "following load": lambda one: _pressed(one, follows=True),
+            # Much softer ones end above the bound of the residual: rounding of what they hold.
+            "springs": lambda one: one.holding("live", spring=20.0 * NEXT_TO_NONE),
+        }.items()
+    },
+    # In an explicit run all of a block is moved within microseconds.
+    "moving support": (_moving(1e-4 * NEXT_TO_NONE), _moving(0.0)),
+    "stiff springs": (
+        lambda one: one.holding("spring", directions=X[None], spring=1e8),
+        lambda one: one.holding("spring", directions=X[None]),
+    ),
+}
+_CHANGES = {
+    **{f"{name} near its limit": change for name, (change, _) in LIMITS.items()},
+    **{f"limit of {name}": limit for name, (_, limit) in LIMITS.items()},
+    "equal steps": lambda one: one.solving(time_step=1e-6),
+    **EFFECTS,
+}
+
 
 def blocks_of(effects: Iterable[str]) -> str:
     """The effect that says on which blocks some are; empty: on a column."""
@@ -227,7 +271,7 @@ def blocks_of(effects: Iterable[str]) -> str:
 def stated(effects: frozenset[str], on: str) -> Stated:
     """Statement of some effects on the blocks of one."""
     result = BLOCKS.get(on, column)()
-    for name, change in EFFECTS.items():
+    for name, change in _CHANGES.items():
         if name in effects:
             result = change(result)
     return result
