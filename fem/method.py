@@ -47,7 +47,8 @@ class Static:
     """CPU time at most by the clock, on which meshes then depend [s]; the first mesh is finished
     whatever it takes. By default no limit."""
     max_memory: Annotated[float, Gt(0)] = 4.0
-    """Memory that one computation may take [GB]: what needs more is not started."""
+    """Memory that the matrices of one computation may take [GB]: what needs more is not started.
+    The program itself, meshes and results come on top."""
     error_estimate: bool = True
     """Whether measures on the mesh of the problem have error bars, from two coarser meshes: a
     quarter more time."""

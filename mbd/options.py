@@ -104,9 +104,9 @@ class Rigid:
     take_out: bool = False
     """Which block comes out by a straight motion, and in which order all do."""
     stages: Stages | None = None
-    """Whether each stage of the construction stands, and its least propping; None: not asked."""
+    """Whether each stage of the construction stands, and its least propping; None: not judged."""
     max_work: Annotated[float, Gt(0)] = 60.0
-    """Work of all that is found beside the equilibrium at most, counted in operations and stated as
+    """Work at most of what is computed beside the equilibrium, counted in operations and stated as
     seconds on the reference machine [s]: the same rows on every machine."""
     max_seconds: Annotated[float, Gt(0)] | None = None
     """The same by the clock, CPU time [s]; by default no limit."""
