@@ -47,18 +47,18 @@ class FrictionError(RefusedError):
 
 
 def return_formula(
-    larger: Callable[..., Any], smaller: Callable[..., Any], square_root: Callable[..., Any]
+    larger: Callable[..., Any], square_root: Callable[..., Any]
 ) -> Callable[..., Any]:
     """Make the radial return from functions of a kind of numbers: arrays, scalars or SIMD lanes."""
 
     def share(x: Any, y: Any, stick: Any, limit: Any) -> Any:
         """Share of an elastic slip (x, y) whose friction stays below a limit, mu p."""
-        return smaller(1.0, limit / larger(stick * square_root(x * x + y * y), _NO_FRICTION))
+        return limit / larger(larger(stick * square_root(x * x + y * y), limit), _NO_FRICTION)
 
     return share
 
 
-_shares = return_formula(np.maximum, np.minimum, np.sqrt)
+_shares = return_formula(np.maximum, np.sqrt)
 
 
 @njit(error_model="numpy", forceinline=True)

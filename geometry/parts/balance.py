@@ -139,9 +139,9 @@ class Reactions(Resultants):
         }
 
     @cached_property
-    def rings(self) -> list[IntArray]:
+    def rings(self) -> tuple[IntArray, ...]:
         """Supports of each ring: three or more at one height and distance from their middle."""
-        level = self.centroids[:, 2], np.ptp(self.centroids, axis=0).max(initial=0.0) * _RING
+        level = self.centroids[:, 2], self._size * _RING
         _, levels = np.unique(np.round(level[0] / (level[1] or 1.0)), return_inverse=True)
         result = []
         for one in range(levels.max(initial=-1) + 1):
@@ -150,7 +150,12 @@ class Reactions(Resultants):
             closed = np.isfinite(outward_thrust(self.centroids[here], self.forces[here]))
             if closed and np.ptp(arms) <= level[1]:
                 result.append(here)
-        return result
+        return tuple(result)
+
+    @property
+    def _size(self) -> float:
+        """Largest distance of two supports along an axis [mm]."""
+        return float(np.ptp(self.centroids, axis=0).max()) if len(self.centroids) else 0.0
 
     def _arms(self, ring: IntArray) -> FloatArray:
         """Horizontal part from the middle of some supports to each of them, (n, 2) [mm]."""

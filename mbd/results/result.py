@@ -13,7 +13,13 @@ from geometry.assembly import Assembly
 from geometry.loads import LoadCase
 from geometry.mesh import FloatArray, IntArray, ReadOnlyArrays
 from geometry.parts.balance import Imbalance, Reactions, imbalance, of_fixed_blocks, together
-from geometry.parts.measures import JointResultants, Measures, facet_measures, joint_resultants
+from geometry.parts.measures import (
+    BlockMeasures,
+    JointResultants,
+    Measures,
+    facet_measures,
+    joint_resultants,
+)
 from geometry.parts.placed import AnyBlocks
 from geometry.parts.rows import Part
 from geometry.polyhedra.bare_contacts import CROSSING_EDGES, STANDING_CORNER
@@ -190,6 +196,11 @@ class RigidResult(ReadOnlyArrays):
         if self.friction is None:
             return self.measures
         return self._means(self.normal_forces / self.blocks.interfaces.areas[self.contact_index])
+
+    @property
+    def per_block(self) -> BlockMeasures:
+        """The paper's measures of each free block (`blocks.free_blocks`), without friction."""
+        return facet_measures(self.blocks, self.contact_index, self.contact_pressures)[0]
 
     def _means(self, pressures: FloatArray) -> Measures:
         return facet_measures(self.blocks, self.contact_index, pressures)[1]

@@ -181,9 +181,7 @@ lanes_pressure = njit(error_model="numpy", forceinline=True)(
     pressure_formula(larger, smaller, exponential_minus_one)
 )
 #: The return of friction alike.
-lanes_share = njit(error_model="numpy", forceinline=True)(
-    return_formula(larger, smaller, square_root)
-)
+lanes_share = njit(error_model="numpy", forceinline=True)(return_formula(larger, square_root))
 
 
 @njit(**INLINED)

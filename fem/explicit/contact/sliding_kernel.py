@@ -32,7 +32,7 @@ _PROJECTIONS = 6
 #: What Newton leaves of the natural coordinates: rounding.
 _LEFT = 1e-15
 
-_share = njit(error_model="numpy", forceinline=True)(return_formula(max, min, math.sqrt))
+_share = njit(error_model="numpy", forceinline=True)(return_formula(max, math.sqrt))
 
 
 # Vectors are tuples of three: they stay in registers, where small arrays would go through memory.

@@ -387,10 +387,8 @@ for _case, _target in (("pipe", 30.0), ("tunnel", 50.0)):
 
 def _by_layer(run: Answer, measure: str = "p_max") -> tuple[IntArray, FloatArray]:
     """Free layers and the mean over the blocks of each of a measure of theirs."""
-    tube = run.details
-    assert tube.per_block is not None
-    values = getattr(tube.per_block, measure)
-    layer = run.details.blocks.layer[tube.measured_blocks]
+    blocks, values = run.details.blocks, getattr(run.details.per_block, measure)
+    layer = blocks.layer[blocks.free_blocks]
     layers = np.unique(layer)
     return layers, np.array([values[layer == k].mean() for k in layers])
 
@@ -400,11 +398,10 @@ def _blocks_alike(evidence: PaperEvidence) -> ClaimVerdict:
     worst = 0.0
     for case in ("pipe", "tunnel", "pillar", "shaft"):
         for run in _rows(evidence, case):
-            tube = run.details
-            assert tube.per_block is not None
-            layer = run.details.blocks.layer[tube.measured_blocks]
+            blocks, maxima = run.details.blocks, run.details.per_block.p_max
+            layer = blocks.layer[blocks.free_blocks]
             for k in np.unique(layer):
-                values = tube.per_block.p_max[layer == k]
+                values = maxima[layer == k]
                 worst = max(worst, float(np.ptp(values) / values.max()))
     return claim_verdict(
         worst < 1e-6,
