@@ -133,7 +133,7 @@ class Case:
 
     @property
     def pictures(self) -> PicturesSection:
-        """Format of its pictures."""
+        """What its pictures show."""
         return PicturesSection() if self.source is None else self.source.pictures
 
     @property
