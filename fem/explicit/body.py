@@ -8,7 +8,7 @@ share one stiffness. World vectors are R times these.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -223,7 +223,7 @@ def make_body(
     lanes = padded_lanes(group.n_copies)
     rows = block_rows(group.stiffness, lanes=lanes)
     numbers = stated.numbers(number)
-    forces = [_on(load, numbers) for load in stated.system.forces]
+    forces = [load.on(numbers) for load in stated.system.forces]
     loads = [load for load in forces if len(load.row)]
     touched = np.unique(
         np.concatenate(
@@ -289,12 +289,6 @@ def _lane_gravity(group: Body, gravity: FloatArray | None, lanes: int) -> LaneAr
     local = np.zeros((3, lanes))
     local[:, : group.n_copies] = np.einsum("cij,i->jc", group.rotations, gravity)
     return local
-
-
-def _on(load: ForceRows, numbers: IntArray) -> ForceRows:
-    """The part of a load on nodes that have a number, by these."""
-    row = numbers[load.row]
-    return replace(load, row=row[row >= 0], force=load.force[row >= 0])
 
 
 def _held_lanes(stated: TimedSystem, number: int, rows: BlockRows, lanes: int) -> HeldLanes | None:

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.sparse import csr_array
@@ -51,6 +51,11 @@ class ForceRows(ReadOnlyArrays):
         super().__post_init__()
         if not np.isfinite(self.force).all():
             raise LoadError("load: got a force that is not finite")
+
+    def on(self, number: IntArray) -> ForceRows:
+        """The rows of a solver that gives nodes a number (n_nodes,), -1 to what it leaves out."""
+        row = number[self.row]
+        return replace(self, row=row[row >= 0], force=self.force[row >= 0])
 
 
 def scatter_to_nodes(corner_forces: FloatArray, quads: IntArray, n_nodes: int) -> FloatArray:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from geometry.answer import Answer
+from geometry.answer import Answer, is_round
 from geometry.assembly import Assembly
 from geometry.loads import LoadCase
 from geometry.mesh import FloatArray, IntArray
@@ -21,7 +21,6 @@ from validation.output.pictures.bodies import (
     eye,
     far_side,
     interface_facets,
-    is_tube,
     load_arrows,
     steep,
     turn_colours,
@@ -52,7 +51,7 @@ def draw_assembly(
     from matplotlib.patches import Patch
 
     released = assembly.fixed & ~load.fixed
-    usual, tube = turn_colours(assembly, load.fixed), is_tube(assembly)
+    usual, tube = turn_colours(assembly, load.fixed), is_round(assembly)
 
     def panel(title: str, shown: list[int], direction: Direction) -> Panel:
         parts = blocks(assembly, lambda b: ORANGE if released[b] else usual(b), only=shown)
@@ -117,7 +116,7 @@ def draw_pressed_facets(
     3-D and unrolled. Other assemblies are drawn from above and from below, with all joints.
     """
     assembly, scale, towards = facets.assembly, facets.scale, facets.side
-    if not is_tube(assembly):
+    if not is_round(assembly):
         parts: list[Part] = [facets.surface(np.arange(len(facets.pressures)), scale)]
         nodes = np.concatenate([facets.nodes(b) for b in range(assembly.n_blocks)])
         extent = np.ptp(facets.corners.reshape(-1, 3), axis=0).max(initial=0.0)

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from geometry.answer import is_round
 from geometry.assembly import Assembly
 from geometry.block import Block
 from geometry.loads import LoadCase
@@ -54,16 +55,11 @@ _SIDES = 10
 Places = Callable[[int], FloatArray]
 
 
-def is_tube(assembly: Assembly) -> bool:
-    """Whether blocks stand round the axis, so that one side hides the other."""
-    return not assembly.unmatched_allowed
-
-
 def far_side(
     assembly: Assembly, points: FloatArray, towards: Direction = EYE
 ) -> npt.NDArray[np.bool_]:
     """Whether points lie on the side of the tube's axis away from an eye; all do in a wall."""
-    if not is_tube(assembly):
+    if not is_round(assembly):
         return np.ones(len(points), dtype=bool)
     arm = (points - assembly.origin)[:, :2]
     return np.asarray(arm @ np.array(towards[:2]) < 1e-6 * assembly.characteristic_length)
@@ -88,7 +84,7 @@ def eye(assembly: AnyBlocks, before: FloatArray | None = None) -> Direction:
     Of a tube, `EYE` or, turned by quarters, the one that has a point (3,) [mm] most in front. Flat
     panels are seen from farther above than other blocks.
     """
-    if isinstance(assembly, Assembly) and is_tube(assembly):
+    if isinstance(assembly, Assembly) and is_round(assembly):
         return EYE if before is None else quarter(EYE, before - assembly.origin)
     placed = [
         assembly.place(b, _points(assembly.shapes[k])) for b, k in enumerate(assembly.shape_of)
