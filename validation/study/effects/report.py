@@ -80,7 +80,7 @@ def draw_effects(measured: Mapping[str, Any], path: Path) -> None:
     """Draw changes and costs, one group of bars for each effect."""
     from matplotlib.ticker import FuncFormatter
 
-    from validation.output.pictures.gallery import save_figure, subplots, twos_and_fives
+    from validation.output.pictures.gallery import save_figure, subplots
     from validation.output.pictures.scales import BLUE, ORANGE, SKY, VERMILION
 
     costs = measured["costs"]
@@ -106,18 +106,18 @@ def draw_effects(measured: Mapping[str, Any], path: Path) -> None:
             places = [row + (k - 0.5 * (len(series) - 1)) * height for row in rows]
             widths = [of[k] - start for of in values]
             axes.barh(places, widths, left=start, height=height, label=label, color=colour)
-        axes.legend(fontsize=8)
+        axes.legend(
+            fontsize=8, loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=3, frameon=False
+        )
+        axes.tick_params(axis="both", labelsize=8)
         axes.grid(axis="x", alpha=0.3)
     left.set_xscale("symlog", linthresh=0.01)
     left.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
     left.set_xlabel("change without the effect [%] (linear within ±0.01 %)")
     left.axvline(0.0, color="black", linewidth=0.8)
     left.set_yticks(list(rows), [f"without {cost['name']}" for cost in costs])
-    left.tick_params(axis="both", labelsize=8)
     left.invert_yaxis()
-    right.set_xscale("log")
     right.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"× {value:g}"))
-    right.xaxis.set_minor_formatter(twos_and_fives(lambda value: f"× {value:g}"))
     right.set_xlabel("with the effect over without it [–]")
     right.axvline(1.0, color="black", linewidth=0.8)
     title = f"{measured['scene']}: {measured['load']}; explicit FEM"
