@@ -213,7 +213,7 @@ def _faces_words(faces: _Bearing) -> str | None:
     words = faces.motion
     if words is None:
         return None
-    return f"the load activates a mechanism of the faces ({words}; edges and corners carry no load)"
+    return f"the faces of the blocks do not carry the load: {words} (edges and corners carry none)"
 
 
 def require_held(problem: HexahedralStatement, solids: DetectionOptions | None = None) -> None:
@@ -266,8 +266,8 @@ def why_unheld(problem: HexahedralStatement, solids: DetectionOptions | None = N
         corners = _at_corners(problem)
         words = None if corners is None else corners.motion
         words = words and (
-            f"the load activates a mechanism that contacts and supports leave ({words}); `tubelock "
-            "mbd` draws it: hold that motion, or add `friction`"
+            f"contacts and supports do not carry the load: {words}; `tubelock mbd` draws it: hold "
+            "that motion, or add `friction`"
         )
     if words is not None or problem.coulomb is None:
         return words

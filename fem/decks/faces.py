@@ -40,7 +40,7 @@ def element_faces(block: Block, quads: IntArray) -> ElementFaces:
     Raises
     ------
     DeckError
-        A facet that is no element face, or that looks inward.
+        A facet that is no element face, or that faces inward.
     """
     elements = block.mesh.elements
     every = elements[:, HEX_FACES].reshape(-1, 4)
@@ -59,7 +59,7 @@ def element_faces(block: Block, quads: IntArray) -> ElementFaces:
     follows = corners[np.arange(len(result)), (first + 1) % 4] == quads[:, 1]
     if not follows.all():
         bad = int(np.flatnonzero(~follows)[0])
-        raise DeckError(f"{block.name}: facet {quads[bad].tolist()} looks inward")
+        raise DeckError(f"{block.name}: facet {quads[bad].tolist()} faces inward")
     return ElementFaces(result // 6, result % 6)
 
 

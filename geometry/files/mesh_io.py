@@ -177,7 +177,7 @@ def read_any_mesh(path: Path) -> Any:
     except (Exception, SystemExit) as error:
         reason = " ".join(str(error).split()) or type(error).__name__
         known = ("1", "0")  # statuses of meshio's exits
-        words = "not as its ending says" if reason in known else reason
+        words = "not in the format of its extension" if reason in known else reason
         words = _unknown_elements(path) or words
         raise MeshError(f"{path}: cannot be read as a mesh ({words})") from None
 

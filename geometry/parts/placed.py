@@ -231,13 +231,13 @@ class UnmatchedJoint:
     matched: float
     """Area of it on which facets match corner on corner [mm²]."""
     toward: FloatArray
-    """Direction in which the face of block m looks, (3,)."""
+    """Direction that the face of block m faces, (3,)."""
 
     def __str__(self) -> str:
         """Name the blocks, the face, and the area that matches."""
         return (
             f"the meshes of blocks {self.block_m} and {self.block_s} do not match: facets meet "
             f"corner on corner on {self.matched:.4g} of the {self.touching:.4g} mm² on which the "
-            f"blocks touch (face of block {self.block_m} that looks along "
+            f"blocks touch (face of block {self.block_m} that faces along "
             f"{np.round(self.toward, 3).tolist()})"
         )

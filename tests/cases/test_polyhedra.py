@@ -314,7 +314,7 @@ def test_faces_are_decided_where_newton_stagnates(
 def test_deformable_blocks_name_the_mechanism_of_their_faces(tmp_path: Path, asked: str) -> None:
     status, _, err = command(asked, str(_panel(tmp_path)), "--json", "-")
     assert status == 2
-    words = "panel: no equilibrium: the load activates a mechanism of the faces (block"
+    words = "panel: no equilibrium: the faces of the blocks do not carry the load: block"
     assert err.startswith(f"error: {words}")
 
 

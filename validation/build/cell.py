@@ -39,8 +39,8 @@ def check_cell_of_scene(scene: DeformableScene, name: str) -> RoundScene:
     for key, blocks in (("[materials]", scene.materials), ("contact.pairs", scene.contact.pairs)):
         if blocks:
             raise InputError(
-                f"{head} with {key}: its blocks are those of a long tube, all alike; remove one of "
-                "the two"
+                f"{head} with {key}: its blocks are those of a long tube, all of one material with "
+                "one contact law and friction; remove one of the two"
             )
     for given, key, why in (
         (effects.gravity, "gravity", "the weight adds up from layer to layer"),

@@ -127,7 +127,7 @@ _COMMANDS: dict[str, dict[str, Callable[..., None]]] = {
         "export": decks.export,
         "deck": decks.deck,
     },
-    "How far to believe it": {
+    "Verification": {
         "effects": robustness.effects,
         "cost": cost.cost,
         "stability": robustness.stability,
@@ -150,7 +150,7 @@ reproduce.callback(
     invoke_without_command=True,
     help="Reproduce the paper: the full report, or one of its parts.",
 )(paper.report)
-app.add_typer(reproduce, name="reproduce", rich_help_panel="How far to believe it")
+app.add_typer(reproduce, name="reproduce", rich_help_panel="Verification")
 
 
 def _print_version(asked: bool) -> None:

@@ -142,7 +142,7 @@ def _how_sure(fem: Answer | None) -> PageVerdict:
         words = f"{sure} of the {len(named)} numbers above are resolved"
         if sure == len(named):
             worst = max((m.error or 0.0) / abs(m.value) for m in named if m.value)
-            words = f"all numbers above are known to {100 * worst:.2g} %"
+            words = f"all numbers above are uncertain by at most {100 * worst:.2g} %"
         tone = GOOD if sure == len(named) else OPEN
     return PageVerdict("How sure is it?", words, tone, tuple(lines))
 

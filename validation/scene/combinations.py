@@ -49,7 +49,7 @@ def combined(scene: AnyScene, name: str) -> AnyScene:
     if nameless and LOAD not in factors:
         raise InputError(
             f"combinations.{name}: loads[{nameless[0]}] ({scene.loads[nameless[0]].words}) has no "
-            "name, and nothing says whether it acts; expected [[loads]] with a name, or the "
+            "name, and its factor is not given; expected [[loads]] with a name, or the "
             f"factor {LOAD}, which is that of [load] and of all loads without a name"
         )
     values: dict[str, Any] = {"combinations": {}}

@@ -98,7 +98,7 @@ def _order(best: Mapping[str, Any], worst: Mapping[str, Any], name: str) -> str:
     if best[name] is None or worst[name] is None:
         return ""
     if overlap(best, worst, name):
-        return "their error bars tell no order"
+        return "their error bars overlap: the order of the two is open"
     if best[name] < worst[name]:
         return "the same order"
     return "the other order: choose no design by this study"

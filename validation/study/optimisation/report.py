@@ -116,7 +116,7 @@ class SearchResult:
 
     @property
     def verdict(self) -> str:
-        """Which design is best of those judged, and whether error bars tell it from the next."""
+        """The best design of those judged, and how many others its error bars do not exclude."""
         stated = self.search.stated
         name = stated.measures[0]
         answered = [row for row in self.judged if row.get(name) is not None]
@@ -127,7 +127,7 @@ class SearchResult:
         words = f"best of those judged: {at}; {name} {cell(name)(best)}"
         close = [row for row in answered[1:] if overlap(best, row, name)]
         if close:
-            words += f"; error bars do not tell it from {len(close)} of the others"
+            words += f"; error bars do not distinguish it from {len(close)} of the others"
         return f"{words}\n{self._order}" if len(self.final) > 1 else words
 
     @property
