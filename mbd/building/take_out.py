@@ -108,6 +108,8 @@ class WayOut:
     """Until it has passed the blocks that it touched; nan where it does not get away [mm]."""
     met: tuple[int, ...]
     """Blocks that it meets first, or that hold it."""
+    stops: frozenset[int] = frozenset()
+    """Blocks that it touches, or meets along any direction that was tried."""
     turns: bool | None = None
     """Whether a small turn is free where no translation is; None: not asked."""
 
@@ -167,11 +169,14 @@ class Removal:
         touching = [self.touching(block, rest) for block in group]
         touched = np.unique(np.concatenate([neighbours for neighbours, _ in touching]))
         ways = free_directions(np.concatenate([normals for _, normals in touching]))
+        stops = set(touched.tolist())
         if not len(ways):
-            return WayOut(tuple(group), None, 0.0, np.nan, tuple(touched.tolist()))
+            met_first = tuple(touched.tolist())
+            return WayOut(tuple(group), None, 0.0, np.nan, met_first, frozenset(stops))
         others, best = np.flatnonzero(rest), None
         for direction in ways:
             met = self.sweeps.along(direction, moving, others).min(axis=0)
+            stops |= set(np.flatnonzero(np.isfinite(met)).tolist())
             distance = float(met.min(initial=np.inf))
             if best is None or distance > best[0]:
                 best = distance, direction, met
@@ -182,7 +187,8 @@ class Removal:
         assert best is not None
         distance, direction, met = best
         first = np.flatnonzero(met <= distance * (1.0 + 1e-9) + 1e-12)
-        return WayOut(tuple(group), direction, distance, np.nan, tuple(first.tolist()))
+        met_first = tuple(first.tolist())
+        return WayOut(tuple(group), direction, distance, np.nan, met_first, frozenset(stops))
 
     def _clear(self, direction: FloatArray, group: Sequence[int], rest: BoolArray) -> float:
         """Way after which blocks have passed the ends of those of the rest that they touch."""
@@ -359,14 +365,11 @@ def _order(
     n_free = len(known)
 
     def again(gone: Sequence[int]) -> None:
-        """Ask those anew that were stopped by what is gone, or touched it."""
-        lost = set(gone)
+        """Ask those anew that were stopped by what is gone."""
         for block, way in known.items():
-            near = set(np.unique(search.touching(block, everything)[0]).tolist())
-            if not way.free and (lost & set(way.met) or lost & near):
+            if not way.free and not way.stops.isdisjoint(gone):
                 known[block] = search.way_out([block], there)
 
-    everything = np.ones(len(there), np.bool_)
     while known:
         tell(f"order: {n_free - len(known)} of {n_free} blocks are out")
         out = [block for block, way in known.items() if way.free]

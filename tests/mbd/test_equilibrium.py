@@ -15,9 +15,10 @@ from geometry import Assembly
 from geometry.assembly import moved
 from geometry.block import Block
 from geometry.families.boxes import BrickStack
+from geometry.families.masonry import wall_of_rows
 from geometry.families.sine_block import SineBlockDivisions
 from geometry.families.tube import SineTube
-from geometry.loads import named_load
+from geometry.loads import LoadCase, named_load
 from geometry.mesh import HexMesh, grid_faces, structured_hexahedra
 from mbd import Norm, Rigid, Solver, analyse, contact_jacobian
 from mbd.contacts.jacobian import CongruentWrenches
@@ -125,6 +126,22 @@ def test_a_hundred_thousandth_of_the_load_that_nothing_carries_is_no_equilibrium
     found = solve(as_jacobian(matrix), np.array([1.0, imbalance]))
     assert found.holds is holds
     assert found.residual == pytest.approx(imbalance, rel=1e-3, abs=1e-9)
+
+
+@pytest.mark.parametrize(("aside", "holds"), [(0.95e-7, True), (1.05e-7, False)])
+def test_from_a_ten_millionth_of_the_load_on_what_nothing_carries_is_a_motion(
+    aside: float, holds: bool
+) -> None:
+    """A brick on a smooth floor, pushed aside by a part of its weight: it slides along the push."""
+    brick = wall_of_rows((1.0, 1.0, 1.0), [[1.0]])
+    wrenches = np.zeros((brick.n_blocks, 6))
+    wrenches[~brick.fixed, :3] = 5.0 * np.array([0.6 * aside, 0.8 * aside, -1.0])
+    load = LoadCase(brick, "push", (), brick.fixed, body_wrenches=wrenches)
+    found = analyse(brick, load=load).details
+    assert found.holds is holds
+    assert found.equilibrium.residual == pytest.approx(aside, rel=1e-6)
+    if not holds:
+        assert found.driven == pytest.approx([0.6, 0.8, 0.0, 0.0, 0.0, 0.0], abs=1e-9)
 
 
 @pytest.mark.parametrize("case", ["pipe", "tunnel", "pillar", "beam", "shaft"])

@@ -11,9 +11,10 @@ from hypothesis import strategies as st
 
 from geometry import Assembly
 from geometry.assembly import moved, renumbered
+from geometry.families.masonry import RunningBondWall
 from geometry.families.sine_block import SineBlockDivisions
 from geometry.families.tube import SineTube
-from geometry.loads import named_load
+from geometry.loads import LoadCase, named_load
 from mbd import MechanismClass, RigidResult, analyse, contact_jacobian
 from mbd.contacts.jacobian import contact_wrenches
 from mbd.frictionless.equilibrium import newton_equilibrium
@@ -90,6 +91,21 @@ def test_what_an_equilibrium_proves_gives_the_same_class(seed: int, rows: int, e
         assert np.sign(found.certificate.work) == {"activated": 1, "suppressed": -1}.get(
             str(found.mechanism), 0
         )
+
+
+def test_of_many_blocks_the_motion_of_one_proves_the_class() -> None:
+    """Bricks under their weight: the first that can be lifted, and nothing closes as it moves."""
+    wall = RunningBondWall((240.0, 115.0, 71.0), 10, 10).build()
+    weight = np.zeros((wall.n_blocks, 6))
+    weight[:, 2] = -wall.volumes
+    load = LoadCase(wall, "weight", (), wall.fixed, body_wrenches=weight)
+    found = analyse(wall, load=load).details.classification
+    assert found.mechanism is MechanismClass.SUPPRESSED
+    motion = found.certificate.virtual_displacement
+    assert motion.any(axis=1).sum() == 1
+    rates = contact_jacobian(wall).jacobian.gap_rates(motion.ravel())
+    assert rates.min() >= -1e-12 * np.linalg.norm(motion)
+    assert found.certificate.work < 0.0
 
 
 def test_strictly_positive_self_stress_without_full_rank_is_not_locked() -> None:

@@ -106,6 +106,26 @@ def test_the_puzzle_comes_apart_in_its_order(fixed: str, order: list[tuple[int, 
         assert found.assembly_order == tuple(reversed(order))
 
 
+@pytest.mark.quick
+def test_of_blocks_that_can_come_out_the_highest_is_next() -> None:
+    """A block stops at a wall, nearer at another one: once that is out, it precedes a low one.
+
+    What leaves neither touched it nor ended its longest way.
+    """
+    floor, roof = ((-100, 0, -20), (300, 100, 0)), ((-100, 0, 100), (300, 100, 120))
+    sides = (((-100, -20, -20), (300, 0, 120)), ((-100, 100, -20), (300, 120, 120)))
+    wall, base = ((150, 0, 0), (170, 100, 100)), ((-100, 0, -520), (300, 100, -500))
+    free = (
+        ((0, 0, 0), (100, 100, 100)),
+        ((-80, 0, 0), (-30, 100, 100)),
+        ((0, 0, -500), (50, 50, -450)),
+    )
+    found = take_out(boxes(floor, roof, *sides, wall, base, *free, fixed=6))
+    assert [way.free for way in found.each] == [False, True, True]
+    assert found.each[0].met == (4,)
+    assert [way.blocks for way in found.order] == [(7,), (6,), (8,)]
+
+
 def test_a_panel_comes_out_of_a_frame_without_one_rail_only() -> None:
     """And what comes out does not depend on how the panel is turned in space or numbered."""
     blocks = load_case("versatile-panel", method="rigid").problem.blocks
