@@ -38,7 +38,7 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
 def _no_progress() -> Iterator[None]:
     """No progress on standard error, however slow the machine: tests of it set their own."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("validation.output.progress.SHORT", 1e9)  # waits have an end
+        patch.setattr("validation.output.console.SHORT", 1e9)  # waits have an end
         yield
 
 

@@ -170,7 +170,7 @@ def test_interrupted_and_continued_run_ends_in_the_same_bits(tubelock, monkeypat
         return show
 
     with monkeypatch.context() as patch:
-        patch.setattr("validation.output.progress.explicit_progress", impatient)
+        patch.setattr("validation.output.console.explicit_progress", impatient)
         status, _, said = tubelock(*arguments, "-o", "cut")
     assert status == 130
     assert "continue with --resume cut/checkpoint.npz" in said

@@ -126,7 +126,7 @@ def test_interrupted_tube_continues_to_the_same_bits(tubelock, monkeypatch) -> N
         return show
 
     with monkeypatch.context() as patch:
-        patch.setattr("validation.output.progress.explicit_progress", impatient)
+        patch.setattr("validation.output.console.explicit_progress", impatient)
         status, _, said = tubelock(*arguments, "-o", "cut")
     assert status == 130
     assert "continue with --resume cut/checkpoint.npz" in said

@@ -5,9 +5,16 @@ from types import SimpleNamespace
 
 import pytest
 
-from validation.output import progress
-from validation.output.console import duration_words, plain_console
-from validation.output.progress import WINDOW, WINDOWS, Following, Forecast, explicit_progress
+from validation.output import console as progress
+from validation.output.console import (
+    WINDOW,
+    WINDOWS,
+    Following,
+    Forecast,
+    duration_words,
+    explicit_progress,
+    plain_console,
+)
 
 COARSE = ("assembly.layers=1", "mesh.around=12", "mesh.radial=2", "mesh.axial=2")
 TUBE = ("tsb1-pipe", *(word for setting in COARSE for word in ("--set", setting)))

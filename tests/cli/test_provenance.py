@@ -16,8 +16,8 @@ import numpy as np
 import pytest
 
 from validation import builtin_text, load_case, read_answer
+from validation.output.files import Provenance, program, stamp_vtu, stamped
 from validation.output.outputs import Outputs
-from validation.output.provenance import Provenance, program, stamp_vtu, stamped
 from validation.scene.read import check_scene
 
 SMALL = ("assembly.layers=1", "mesh.around=12", "mesh.radial=1", "mesh.axial=2")

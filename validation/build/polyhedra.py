@@ -28,8 +28,8 @@ from validation.build.materials import body_forces
 from validation.build.supports import stated_load, supported_blocks
 from validation.errors import InputError, keyed, named
 from validation.scene.families.mesh import MeshScene, PartSection, PlaceSection
-from validation.scene.plausibility import check_block_size
 from validation.scene.polyhedra import PolyhedralScene
+from validation.scene.read import check_block_size
 
 Shape = TypeVar("Shape")
 

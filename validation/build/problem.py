@@ -12,12 +12,11 @@ from fem.contact.pair_laws import PairLaws
 from fem.method import Static
 from fem.problem import Frames, Problem
 from geometry.assembly import Assembly
-from geometry.loads import LoadCase
+from geometry.loads import CASES, LoadCase
 from geometry.machine.work import LimitError, budget
 from geometry.parts.block_selection import chosen_blocks
 from geometry.parts.measures import Planes, planes
 from geometry.parts.placed import AnyBlocks
-from validation.build.cell import build_cell, check_cell_of_scene
 from validation.build.materials import build_materials, friction_of_pairs, laws_of_pairs
 from validation.build.supports import held_at_faces, stands_on_a_face, stated_load
 from validation.errors import InputError, named
@@ -25,10 +24,9 @@ from validation.scene.deformable import (
     FemSection,
     Method,
 )
-from validation.scene.family import AssemblyScene
-from validation.scene.plausibility import check_block_size, too_large_to_deform
+from validation.scene.family import AssemblyScene, RoundScene, round_types
 from validation.scene.polyhedra import PolyhedralScene
-from validation.scene.read import DeformableScene
+from validation.scene.read import DeformableScene, check_block_size, too_large_to_deform
 
 
 def _refuse(scene: DeformableScene, name: str) -> None:
@@ -204,3 +202,48 @@ def scene_planes(scene: DeformableScene, assembly: AnyBlocks) -> Planes | None:
         blocks=tuple(one.blocks[0] for one in result),
         names=tuple(one.names[0] for one in result),
     )
+
+
+def check_cell_of_scene(scene: DeformableScene, name: str) -> RoundScene:
+    """Return the scene if a periodic cell can stand for it."""
+    head, remedy = f'{name}: fem.symmetry = "periodic cell"', 'expected that, or "auto"'
+    if not isinstance(scene, RoundScene):
+        raise InputError(
+            f"{head}: got block.type {scene.block.type!r}, whose layers are not those of a tube; "
+            f'expected {round_types()} blocks, or symmetry "auto"'
+        )
+    if not CASES[scene.load.case].every_layer:
+        known = " and ".join(case.name for case in CASES.values() if case.every_layer)
+        raise InputError(
+            f"{head}: got load.case {scene.load.case!r}, which differs from layer to layer; "
+            f"the cell takes {known}; {remedy}"
+        )
+    if scene.assembly.layers < 2:
+        raise InputError(
+            f"{head}: got assembly.layers = {scene.assembly.layers}, where nothing repeats; the "
+            f"cell stands for two layers or more; {remedy}"
+        )
+    effects = scene.effects
+    for key, blocks in (("[materials]", scene.materials), ("contact.pairs", scene.contact.pairs)):
+        if blocks:
+            raise InputError(
+                f"{head} with {key}: its blocks are those of a long tube, all of one material with "
+                "one contact law and friction; remove one of the two"
+            )
+    for given, key, why in (
+        (effects.gravity, "gravity", "the weight adds up from layer to layer"),
+        (effects.elastic_frame, "elastic_frame", "the cell has no frame"),
+        (effects.finite_sliding, "finite_sliding", "blocks could slide on to other images"),
+    ):
+        if given:
+            raise InputError(f"{head} with effects.{key}: {why}; remove one of the two")
+    return scene
+
+
+def build_cell(scene: DeformableScene, name: str) -> Assembly:
+    """Two layers of a tube and the images that they meet."""
+    tube = check_cell_of_scene(scene, name)
+    with named(name):
+        assembly = tube.build_cell()
+        check_block_size(scene, assembly)
+    return assembly

@@ -40,7 +40,7 @@ def compare(
     """
     from geometry.machine.system import peak_memory_mb
     from validation.case import load_case, require_deformable, with_auto
-    from validation.output.progress import solver_progress
+    from validation.output.console import solver_progress
     from validation.study.comparison import report
     from validation.study.comparison.scene import compared_runs
 

@@ -36,7 +36,7 @@ def cost(
     Runs every method on a sequence of meshes; prints and plots error against CPU time.
     """
     from validation.case import load_case
-    from validation.output.progress import following
+    from validation.output.console import following
     from validation.study.costs.report import draw_study, print_study, study_json
     from validation.study.costs.study import coarsest_mesh, run_cost
 

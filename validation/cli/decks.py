@@ -124,8 +124,8 @@ def check(
     ] = None,
 ) -> None:
     """Check a file of blocks, or those of a scene: faults, overlaps, gaps; repair a file."""
+    from validation.output.console import following
     from validation.output.outputs import Outputs
-    from validation.output.progress import following
     from validation.output.solids import check_file, write_repaired
 
     _one_of("--units", units, ("mm", "cm", "m", "inch"))
@@ -200,6 +200,7 @@ def deck(
     asked: dict[str, Any],
 ) -> None:
     """Read an Abaqus or CalculiX deck, check it, print a summary."""
+    from validation.output.console import solver_progress
     from validation.output.decks import (
         deck_command,
         deck_method,
@@ -211,7 +212,6 @@ def deck(
         solve_deck,
     )
     from validation.output.outputs import Outputs
-    from validation.output.progress import solver_progress
 
     if dialect is not None:
         _one_of("--dialect", dialect, ("abaqus", "calculix"))

@@ -95,8 +95,8 @@ def _outputs(
 
 def _solved(case: Case, outputs: Outputs, resume: Path | None) -> Answer:
     """Answer with frames and a checkpoint in the folder; an interrupted run says how to go on."""
+    from validation.output.console import solver_progress
     from validation.output.deformable.fields import FrameWriter
-    from validation.output.progress import solver_progress
     from validation.solving import solve
 
     files: dict[str, Any] = {}

@@ -126,7 +126,7 @@ def decided(
     """The case with its effects decided where it leaves that to the program, and the decision."""
     if case.auto is None:
         return case, {}
-    from validation.output.progress import following
+    from validation.output.console import following
     from validation.study.effects.auto import decide_effects
 
     with following(f"{case.name}: which effects matter") as follow:
@@ -142,7 +142,7 @@ def solve_combinations(
 
     Factors of named loads are those of weight, load and [[loads]].
     """
-    from validation.output.progress import following
+    from validation.output.console import following
     from validation.study import combinations as study
     from validation.study.rowfile import store_or_none
 

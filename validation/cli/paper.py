@@ -31,8 +31,8 @@ def tables(json: JsonOption = None) -> None:
 
     Marks the values that match to the printed precision.
     """
+    from validation.output.console import following
     from validation.output.outputs import Outputs
-    from validation.output.progress import following
     from validation.paper.shown.printing import print_tables
     from validation.paper.tables import compute_tables
 
@@ -54,8 +54,8 @@ def figures(
     """Draw the paper's figures and its cost table from results of tubelock."""
     from dataclasses import asdict
 
+    from validation.output.console import following
     from validation.output.outputs import Outputs
-    from validation.output.progress import following
     from validation.paper.evidence import PaperEvidence
     from validation.paper.shown.figures import cost_rows, draw_figures, print_costs
 
@@ -84,8 +84,8 @@ def claims(
     Prints the number behind each verdict. Statements whose analysis was not requested are
     "not computed here".
     """
+    from validation.output.console import following
     from validation.output.outputs import Outputs
-    from validation.output.progress import following
     from validation.paper.claims import judge
     from validation.paper.evidence import PaperEvidence
     from validation.paper.shown.printing import print_claims
@@ -131,8 +131,8 @@ def deformable(
 
 def errata(names: NamesArgument = None, *, json: JsonOption = None) -> None:
     """List the errors in the paper, each with a computation."""
+    from validation.output.console import following
     from validation.output.outputs import Outputs
-    from validation.output.progress import following
     from validation.paper import errata
     from validation.paper.evidence import PaperEvidence
     from validation.paper.shown.printing import print_errata

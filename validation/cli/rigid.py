@@ -79,7 +79,7 @@ def mbd(
     """
     from validation.case import load_case
     from validation.output.command_files import FILES, write_command_files
-    from validation.output.progress import following
+    from validation.output.console import following
 
     case = load_case(scene, settings or (), method="rigid")
     if stages and "stages" not in case.keys:
@@ -115,7 +115,7 @@ def _solved(case: Case, outputs: Outputs, show: Callable[[Any], None]) -> Answer
 
 def _studied(case: Case, answer: Answer, asked: Mapping[str, bool]) -> dict[str, Part]:
     """Answers to other numbers of layers and to shorter facets, and the motion outwards."""
-    from validation.output.progress import following
+    from validation.output.console import following
 
     parts: dict[str, Part] = {}
     if asked["--disassemble"]:

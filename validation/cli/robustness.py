@@ -69,7 +69,7 @@ def effects(
     goes on from its rows, in the folder of -o, with the same command.
     """
     from validation.case import load_case, require_deformable
-    from validation.output.progress import following
+    from validation.output.console import following
     from validation.study.effects import report
     from validation.study.effects.costs import effect_costs
     from validation.study.rowfile import store_or_none

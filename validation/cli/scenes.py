@@ -117,9 +117,9 @@ def report(
     """
     from validation.case import load_case
     from validation.errors import InputError
+    from validation.output.console import solver_progress
     from validation.output.files import PAGES
     from validation.output.outputs import Outputs
-    from validation.output.progress import solver_progress
     from validation.pages.report import report_scene, write_page
 
     file = load_case(scene, settings or ())

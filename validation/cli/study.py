@@ -161,7 +161,7 @@ def sensitivity(
     An interrupted call goes on from its rows, in the folder of -o, with the same command.
     """
     from validation.case import load_case
-    from validation.output.progress import following
+    from validation.output.console import following
     from validation.study.optimisation import sensitivity as study
     from validation.study.rowfile import store_or_none
 
@@ -203,8 +203,8 @@ def optimise(
 
     An interrupted search continues with the same command.
     """
+    from validation.output.console import following
     from validation.output.outputs import Outputs
-    from validation.output.progress import following
     from validation.study.optimisation import report
     from validation.study.optimisation.statement import load_optimisation
     from validation.study.run import runner_for

@@ -1,4 +1,4 @@
-"""Answers as files: numbers as JSON, arrays as numpy's archive, meshes for ParaView."""
+"""Files of an answer: JSON, arrays (numpy), meshes for ParaView, tables of joints and sections."""
 
 from __future__ import annotations
 
@@ -15,9 +15,11 @@ from geometry.answer import Answer, Contacts, Measure, known, restored
 from geometry.errors import unreadable
 from geometry.files.mesh_io import write_cells
 from geometry.machine.system import write_whole
+from geometry.mesh import FloatArray
+from geometry.parts.measures import JointResultants, SectionForces
 from geometry.parts.rows import Row
 from validation.errors import InputError
-from validation.output.files import prepare_folder, write_json
+from validation.output.files import prepare_folder, write_csv, write_json
 
 #: Files of an answer.
 FILES = ("answer.json", "answer.npz", "fields.vtu", "contact_pressures.vtu")
@@ -29,6 +31,8 @@ _HEAD = ("title", "method", "measures", "rows", "fields")
 #: What a command adds to the data of an answer.
 _OF_COMMAND = ("json_version", "unused_keys", "defaults", "provenance")
 _ARRAYS = ("points", "cells", "block_of_point", "layer_of_point")
+#: What a file holds in a word, its name, and who writes it.
+File = tuple[str, str, Callable[[Path], None]]
 
 
 def write_answer(answer: Answer, folder: Path) -> tuple[Path, ...]:
@@ -60,8 +64,8 @@ def remove_others(folder: Path, names: Collection[str], written: Collection[str]
 
 def answer_files(
     answer: Answer, stated: Callable[[], Mapping[str, Any]] | None = None
-) -> Iterator[tuple[str, str, Callable[[Path], None]]]:
-    """Files of an answer: what each holds in a word, its name, and who writes it.
+) -> Iterator[File]:
+    """Files of the numbers of an answer.
 
     ``stated`` is what stands in the first of them, where that is more than the answer itself.
     """
@@ -162,3 +166,108 @@ def answer_of_data(data: Mapping[str, Any], arrays: Mapping[str, Any] | None = N
 
 def _named(arrays: Mapping[str, Any], kind: str) -> dict[str, Any]:
     return {name.removeprefix(kind): v for name, v in arrays.items() if name.startswith(kind)}
+
+
+# ---------------------------------------------------------------------------------------------
+# What joints and sections transmit
+
+#: Their files.
+JOINT_FILES = ("joints.csv", "joints.vtu", "section_forces.csv")
+_AXES = ("x", "y", "z")
+
+
+def joint_files(
+    joints: JointResultants | None, sections: SectionForces | None, names: tuple[str, ...] = ()
+) -> Iterator[File]:
+    """Files of the forces of joints and sections, where there are some.
+
+    ``names`` are those of the blocks, () without any.
+    """
+    joint_table, joint_points, section_table = JOINT_FILES
+    if joints is not None and len(joints.block_m):
+        yield "joints", joint_table, lambda path: _write_table(joints, names, path)
+        yield "joints", joint_points, lambda path: _write_points(joints, path)
+    if sections is not None:
+        yield "sections", section_table, lambda path: _write_sections(sections, path)
+
+
+def _write_table(joints: JointResultants, names: tuple[str, ...], path: Path) -> None:
+    """One row a joint; forces and moments act on block s, moments about the centroid."""
+    named = np.array(names)
+    columns = {
+        "block_m": joints.block_m,
+        "block_s": joints.block_s,
+        **({"name_m": named[joints.block_m], "name_s": named[joints.block_s]} if names else {}),
+        "area_mm2": joints.areas,
+        **_components("centroid", joints.centroids, "mm"),
+        **_components("normal", joints.normals, ""),
+        **_components("force", joints.forces, "N"),
+        **_components("moment", joints.moments, "Nmm"),
+        "normal_force_N": joints.normal_force,
+        "shear_force_N": joints.shear_force,
+        "bending_moment_Nmm": joints.bending_moment,
+        "twisting_moment_Nmm": joints.twisting_moment,
+        **_components("thrust_point", joints.points, "mm"),
+        **{f"{key}_mm": values for key, values in joints.motion.items()},
+    }
+
+    write_csv(path, columns, zip(*(values.tolist() for values in columns.values()), strict=True))
+
+
+def _components(
+    name: str, values: FloatArray, unit: str, axes: tuple[str, ...] = _AXES
+) -> dict[str, FloatArray]:
+    """Columns of the components of vectors (n, n_axes), named by axis and unit."""
+    end = f"_{unit}" if unit else ""
+    return {f"{name}_{axis}{end}": values[:, k] for k, axis in enumerate(axes)}
+
+
+def _write_points(joints: JointResultants, path: Path) -> None:
+    """A point at the centroid of each joint, with its vectors."""
+    write_cells(
+        path,
+        joints.centroids,
+        "vertex",
+        np.arange(len(joints.centroids))[:, None],
+        point_data={
+            "force": joints.forces,
+            "moment": joints.moments,
+            "normal": joints.normals,
+            "normal_force": joints.normal_force,
+            "shear_force": joints.shear_force,
+            "bending_moment": joints.bending_moment,
+            "eccentricity": joints.eccentricity,
+            "area": joints.areas,
+            **joints.motion,
+            "block_m": joints.block_m.astype(np.int32),
+            "block_s": joints.block_s.astype(np.int32),
+        },
+    )
+
+
+#: Units of the columns; others are directions.
+_UNITS = {
+    "plane_point": "mm",
+    "area": "mm2",
+    "centroid": "mm",
+    "force": "N",
+    "moment": "Nmm",
+    "normal_force": "N",
+    "shear_forces": "N",
+    "bending_moments": "Nmm",
+    "twisting_moment": "Nmm",
+    "point": "mm",
+}
+
+
+def _write_sections(found: SectionForces, path: Path) -> None:
+    columns = {"name": list(found.planes.names)}
+    for key, values in found.columns().items():
+        unit = _UNITS.get(key, "")
+        if values.ndim == 1:
+            columns[f"{key}_{unit}"] = values.tolist()
+            continue
+        axes = ("x", "y", "z") if values.shape[1] == 3 else ("1", "2")
+        parts = _components(key, values, unit, axes)
+        columns |= {name: part.tolist() for name, part in parts.items()}
+    write_csv(path, columns, zip(*columns.values(), strict=True))

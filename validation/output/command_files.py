@@ -16,7 +16,6 @@ from geometry.machine.system import write_whole
 from geometry.parts.measures import SectionForces
 from validation.output import answer_files
 from validation.output.files import FRAMES, write_csv
-from validation.output.forces import JOINT_FILES, SECTION_FILES, write_joints, write_sections
 from validation.output.outputs import Outputs
 from validation.solving import solve
 
@@ -30,8 +29,7 @@ if TYPE_CHECKING:
 #: Files of an answer.
 FILES = (
     *answer_files.FILES,
-    *JOINT_FILES,
-    *SECTION_FILES,
+    *answer_files.JOINT_FILES,
     "contact_pressures.png",
     "contacts.vtu",
     "contacts.png",
@@ -68,11 +66,10 @@ def _write_files(answer: Answer, outputs: Outputs) -> None:
     details, rigid = answer.details, answer.method == "rigid"
     if rigid and not is_meshed(answer):
         outputs.write("contacts", "contacts.vtu", partial(_write_contacts, answer))
-    if details.holds if rigid else details.deformable.meets:
-        blocks = details.blocks if rigid else details.deformable.assembly
-        write_joints(details.joints, outputs, blocks.names)
-    sections = answer.parts.get("sections")
-    write_sections(sections if isinstance(sections, SectionForces) else None, outputs)
+    joints = details.joints if (details.holds if rigid else details.deformable.meets) else None
+    sections = cast("SectionForces | None", answer.parts.get("sections"))
+    for file in answer_files.joint_files(joints, sections, answer.problem.blocks.names):
+        outputs.write(*file)
     for name, draw in pictures(answer).items():
         _write_picture(outputs, name, draw)
     if "stages" in answer.parts:

@@ -15,11 +15,16 @@ from typing import TYPE_CHECKING, Any, Self
 
 from validation.errors import InputError
 from validation.output.answer_files import LARGE, answer_files, remove_others
-from validation.output.console import process_words, text_console
-from validation.output.files import PAGES, output_folder, prepare_file, write_json
-from validation.output.pictures.style import Look, looking
-from validation.output.progress import following
-from validation.output.provenance import Provenance, stamp_vtu, stamped
+from validation.output.console import following, process_words, text_console
+from validation.output.files import (
+    PAGES,
+    Provenance,
+    output_folder,
+    prepare_file,
+    stamp_vtu,
+    stamped,
+    write_json,
+)
 from validation.scene.keys.idle import default_words, idle_keys, key_words
 
 if TYPE_CHECKING:
@@ -85,7 +90,9 @@ class Outputs:
                 prepare_file(path)
             made.enter_context(output_folder(self.folder))
             if self._draws:
-                made.enter_context(looking(self._look))
+                from validation.output.pictures.gallery import showing
+
+                made.enter_context(showing(None if self.scene is None else self.scene.pictures))
             self._open = made.pop_all()
         return self
 
@@ -150,14 +157,6 @@ class Outputs:
         single = [path.name for path in self.files.values() if path is not None]
         names = single if self.folder is None else [*single, *self.names]
         return any(Path(name).suffix.lower() in (".png", *PAGES) for name in names)
-
-    @cached_property
-    def _look(self) -> Look:
-        """Footer and labels of pictures."""
-        if self.scene is None:
-            return Look()
-        requested = self.scene.pictures
-        return Look(requested.footer, requested.labels)
 
     def path(self, name: str) -> Path:
         """Path of a file that this call writes into the folder; the name is one of `names`."""

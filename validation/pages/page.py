@@ -11,8 +11,8 @@ from typing import Any
 
 import numpy as np
 
+from validation.output.files import program
 from validation.output.pictures.view_3d import viewer_page, webp
-from validation.output.provenance import program
 
 #: Packages whose folders hold templates.
 _FOLDERS = ("pages", "paper")

@@ -15,8 +15,8 @@ from geometry.parts.rows import RowTable
 from validation.case import Case
 from validation.errors import InputError
 from validation.output.command_files import is_meshed, pictures
+from validation.output.files import Provenance
 from validation.output.pictures.view_3d import View3d, viewer_page, webp
-from validation.output.provenance import Provenance
 from validation.pages.page import page_text
 from validation.pages.verdicts import PageVerdict, verdicts
 from validation.pages.views import layer_words, middle_layers, pressure_view, stress_view

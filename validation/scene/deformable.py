@@ -25,7 +25,6 @@ from geometry.errors import is_number
 from geometry.parts.options import OptionError
 from mbd.options import Rigid, Stages
 from validation.errors import InputError
-from validation.scene.contact import ContactSection, gap_words
 from validation.scene.keys.docstrings import (
     ACCELERATION,
     DENSITY,
@@ -34,6 +33,7 @@ from validation.scene.keys.docstrings import (
     YOUNG_MODULUS,
 )
 from validation.scene.sections import (
+    ContactSection,
     CutSection,
     Finite,
     LimitsSection,
@@ -46,6 +46,7 @@ from validation.scene.sections import (
     Section,
     StagesSection,
     Vector,
+    gap_words,
     section_of,
     unset,
     vector_words,

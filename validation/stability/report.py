@@ -10,7 +10,7 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from validation.output.progress import following
+from validation.output.console import following
 from validation.stability.case import CaseVerdict
 from validation.statement import Statement
 

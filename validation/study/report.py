@@ -14,9 +14,8 @@ from rich.console import Console
 from geometry.answer import Measure
 from geometry.parts import rows as tables
 from validation.errors import InputError
-from validation.output.console import duration_words, tabled
+from validation.output.console import LONG, duration_words, following, tabled
 from validation.output.outputs import Outputs
-from validation.output.progress import LONG, following
 from validation.study.design import MEASURES, DesignRow
 from validation.study.rowfile import StudyRows, write_row_csv
 from validation.study.run import Tally

@@ -30,9 +30,8 @@ from filelock import FileLock, Timeout
 from geometry.errors import unreadable
 from geometry.machine.system import release
 from validation.errors import InputError
-from validation.output.files import prepare_file
+from validation.output.files import prepare_file, program
 from validation.output.files import write_csv as write_table
-from validation.output.provenance import program
 from validation.scene.read import read_text
 from validation.study.design import MEASURES, DesignRow
 from validation.study.study import Study

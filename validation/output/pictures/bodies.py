@@ -27,7 +27,7 @@ from validation.output.pictures.canvas import (
     merged,
     rgb,
 )
-from validation.output.pictures.gallery import Panel
+from validation.output.pictures.gallery import Panel, pictures_section
 from validation.output.pictures.scales import (
     BLUE,
     GREY,
@@ -36,7 +36,6 @@ from validation.output.pictures.scales import (
     Scale,
     pressure_scale,
 )
-from validation.output.pictures.style import look
 
 #: The eye is outside, a little above the horizontal.
 EYE: Direction = (2.4, -1.6, 0.9)
@@ -184,7 +183,7 @@ def block_legend(fixed: str = "fixed blocks", free: str = "free blocks") -> list
 
 def with_labels(panel: Panel, assembly: AnyBlocks, shown: Sequence[int]) -> Panel:
     """Panel with the number or name of some blocks, where the scene asks for one on them."""
-    named = look().labels
+    named = pictures_section().labels
     if named == "none":
         return panel
     names = assembly.names or [

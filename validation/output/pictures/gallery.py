@@ -11,7 +11,9 @@ import datetime
 import io
 import re
 import textwrap
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from contextvars import ContextVar
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -21,15 +23,58 @@ import numpy as np
 
 from geometry.machine.system import write_whole
 from geometry.mesh import FloatArray
+from validation.output.files import program
 from validation.output.pictures.canvas import Pixels, View
 from validation.output.pictures.scales import VERMILION, Scale
-from validation.output.pictures.style import look, settings
-from validation.output.provenance import program
+from validation.scene.sections import PicturesSection
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
     from matplotlib.ticker import FuncFormatter
+
+#: Points of letters of medium size.
+_LETTERS = 10.8
+
+
+#: What pictures of this call show, where its scene states it.
+_SHOWN: ContextVar[PicturesSection | None] = ContextVar("shown", default=None)
+
+
+def pictures_section() -> PicturesSection:
+    """Return what the pictures of this call show."""
+    return _SHOWN.get() or PicturesSection()
+
+
+def settings() -> Any:
+    """Settings of matplotlib. Text stays text: to be found, and to be set in another font."""
+    return {"font.size": _LETTERS, "svg.fonttype": "none", "pdf.fonttype": 42}
+
+
+@contextmanager
+def showing(stated: PicturesSection | None) -> Iterator[None]:
+    """Draw all pictures as a scene states."""
+    from matplotlib import rc_context
+
+    _write_no_docstrings()
+    token = _SHOWN.set(stated)
+    try:
+        with rc_context(settings()):
+            yield
+    finally:
+        _SHOWN.reset(token)
+
+
+def _write_no_docstrings() -> None:
+    """Spare matplotlib the docstrings of its setters: a third of the time that loading it takes.
+
+    It writes them for every class of what can be drawn; a run that draws reads none.
+    """
+    from matplotlib.artist import Artist
+
+    setters: Any = Artist
+    setters._update_set_signature_and_docstring = classmethod(lambda _: None)
+
 
 #: Inches: round all panels, between columns, of the line at the foot, of a legend, of its handles.
 _MARGIN, _PAD, _FOOT, _LEGEND, _HANDLE = 0.2, 0.2, 0.2, 0.36, 0.75
@@ -528,7 +573,7 @@ def _save(figure: Figure, target: Any, kind: str, about: str) -> None:
     today = datetime.date.today().isoformat()
     foot = " · ".join(part for part in (about, f"tubelock {program()}", today) if part)
     width, height = figure.get_size_inches()
-    if look().footer:
+    if pictures_section().footer:
         place = (1 - 0.12 / width, 0.07 / height)
         figure.text(*place, foot, size="xx-small", color="#707070", ha="right", va="bottom")
     _read_no_formulas(figure)
@@ -546,7 +591,7 @@ def subplots(
     from matplotlib import rcParams
     from matplotlib.figure import Figure
 
-    # `looking` sets them back.
+    # `showing` sets them back.
     rcParams.update(settings())
     figure = Figure(figsize=size, layout="constrained")
     # Room for the line at the foot.

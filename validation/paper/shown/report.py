@@ -16,10 +16,9 @@ import numpy as np
 from rich.console import Console
 
 from geometry.machine.system import write_whole
-from validation.output.files import prepare_folder, write_json
+from validation.output.console import following
+from validation.output.files import Provenance, prepare_folder, stamped, write_json
 from validation.output.pictures.view_3d import View3d, viewer_page
-from validation.output.progress import following
-from validation.output.provenance import Provenance, stamped
 from validation.pages.page import page_text
 from validation.pages.views import pressure_view, stress_view
 from validation.paper.claims.judge import claims, judge_claims

@@ -10,7 +10,7 @@ from pydantic import BaseModel
 
 from fem.contact.law import LAWS
 from geometry.loads import CASES
-from validation.scene.contact import ContactPairSection, law_keys
+from validation.scene.sections import ContactPairSection, law_keys
 
 if TYPE_CHECKING:
     from validation.scene.read import DeformableScene

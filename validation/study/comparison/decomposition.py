@@ -25,7 +25,7 @@ from fem.static.linear_step.flexibility import FlexibilityStore
 from fem.static.solve import static_state
 from geometry.answer import Answer
 from geometry.errors import RefusedError
-from validation.scene.contact import gap_words
+from validation.scene.sections import gap_words
 
 #: Stiffer by this factor, blocks deform a thousandth of what the contact springs do.
 STIFFENING = 1.0e4

@@ -17,7 +17,7 @@ from geometry.answer import Answer
 from validation.case import Case, Method, refuse_cell
 from validation.errors import InputError
 from validation.output.answer_files import answer_of_data
-from validation.output.provenance import processor
+from validation.output.files import processor
 from validation.study.cases import CaseStudy
 from validation.study.design import DesignRow
 from validation.study.rowfile import StudyRows
