@@ -8,7 +8,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
-from fem.answer import answer_of
+from fem.answer.answer import answer_of
 from fem.explicit.output.checkpoint import OtherProblemError
 from fem.explicit.setup.timed_system import counting_more, state_of, timed_system
 from fem.explicit.solve import (

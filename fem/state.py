@@ -1,6 +1,6 @@
 """The state of deformable blocks at one point of a path, as a static or explicit solver leaves it.
 
-`fem.answer.answer_of` makes the answer of it that does not depend on the solver.
+`fem.answer.answer.answer_of` makes the answer of it that does not depend on the solver.
 """
 
 from __future__ import annotations
@@ -18,10 +18,7 @@ from fem.element.stress import principal_stress
 from fem.stresses.peaks import StressPeaks, joint_forces, moved_blocks, stress_peaks
 from fem.stresses.recovery import Recovered, recover
 from fem.stresses.sections import SolvedState, section_forces
-from fem.system.loose import loose_blocks
-from fem.system.reactions import PushCurve, push_curves, reactions
-from fem.system.sector import searched_in_all_sectors, vectors_in_all_sectors
-from fem.system.state import (
+from fem.system.contact_state import (
     CapAction,
     ContactMeasures,
     ContactState,
@@ -30,6 +27,9 @@ from fem.system.state import (
     contact_state,
     corner_displacements,
 )
+from fem.system.loose import loose_blocks
+from fem.system.reactions import PushCurve, push_curves, reactions
+from fem.system.sector import searched_in_all_sectors, vectors_in_all_sectors
 from fem.system.system import System
 from geometry.errors import RefusedError
 from geometry.mesh import FloatArray, IntArray, ReadOnlyArrays

@@ -27,7 +27,7 @@ from fem.accuracy.ladder import OF_FACETS, Ladder, Rung, fineness, ladder_for, o
 from fem.accuracy.one_mesh import stick_change
 from fem.accuracy.parts import Accuracy, Meshes, MeshFacets
 from fem.accuracy.transfer import transferred
-from fem.measures import load_step_change, measures_of
+from fem.answer.measures import load_step_change, measures_of
 from fem.problem import Problem
 from fem.state import State
 from fem.static.linear_step.linearisation import StaticError

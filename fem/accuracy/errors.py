@@ -18,17 +18,18 @@ along every edge has r times the error. Elements of degree two and more are judg
 elements of another degree, whose error is a fixed multiple: means over facets are those over the
 same facets then.
 
-Peaks are known from two sides (`fem.measures.bracketed`). Contact forces are in balance on facets,
-so means over them lie below a peak of pressure and values at their corners, continued outwards by a
-steep law, above it: an error bar is at least the distance. Stresses inside elements and at their
-corners lie on the same side: what an element hides comes on top of what the mesh leaves out.
+Peaks are known from two sides (`fem.answer.measures.bracketed`). Contact forces are in balance on
+facets, so means over them lie below a peak of pressure and values at their corners, continued
+outwards by a steep law, above it: an error bar is at least the distance. Stresses inside elements
+and at their corners lie on the same side: what an element hides comes on top of what the mesh
+leaves out.
 
 A value that a few elements decide is not known better than others settle: two meshes may agree by
 chance. Rates and shares were chosen on problems that ``python -m tests.verification error-bars``
 solves; docs/trust/error-bars.md states how they are judged.
 
-References: P. J. Roache, Perspective: a method for uniform reporting of grid refinement studies,
-J. Fluids Eng. 116 (1994) 405-413; I. Babuška, M. Suri, The h-p version of the finite element method
+References: P. J. Roache, Perspective: a method for uniform reporting of grid refinement studies, J.
+Fluids Eng. 116 (1994) 405-413; I. Babuška, M. Suri, The h-p version of the finite element method
 with quasiuniform meshes, ESAIM: M2AN 21 (1987) 199-238.
 """
 

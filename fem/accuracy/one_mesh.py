@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 from fem.accuracy.errors import Values, one_mesh_bars, with_stick
 from fem.accuracy.ladder import coarser, split
-from fem.measures import bracketed, load_step_change, measures_of
+from fem.answer.measures import bracketed, load_step_change, measures_of
 from fem.problem import Problem
 from fem.state import State
 from fem.static.solve import StaticOptions, static_state

@@ -24,9 +24,9 @@ from fem.accuracy.converge import (
 )
 from fem.accuracy.one_mesh import static_errors
 from fem.accuracy.parts import NOT_ASKED
-from fem.answer import answer_of
+from fem.answer.answer import answer_of
+from fem.answer.measures import measures_of
 from fem.element.hexahedron import ElementType
-from fem.measures import measures_of
 from fem.method import Static, require_method
 from fem.problem import Problem, require_problem
 from fem.state import State

@@ -13,8 +13,8 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
+from fem.answer.measures import hidden_between_nodes, measures_of
 from fem.element.material import one_strength
-from fem.measures import hidden_between_nodes, measures_of
 from fem.state import State
 from fem.static.linear_step.flexibility import FlexibilityStore
 from fem.static.solve import StaticOptions, static_state

@@ -15,7 +15,7 @@ import numpy as np
 from fem.contact.search import FacingPoints
 from fem.decks.deck import Deck
 from fem.decks.keywords import DeckError, label
-from fem.system.state import block_surface
+from fem.system.contact_state import block_surface
 from geometry.block import Block
 from geometry.mesh import HEX_FACES, IntArray
 

@@ -42,6 +42,7 @@ from fem.static.path import (
     load_factors,
     points_of,
 )
+from fem.system.contact_state import facing_points
 from fem.system.loose import loose_blocks, require_supported
 from fem.system.reactions import Forces, MovingSupport, PushCurve, moving_supports
 from fem.system.sector import (
@@ -49,7 +50,6 @@ from fem.system.sector import (
     largest_cyclic_orbits,
     with_half_turn,
 )
-from fem.system.state import facing_points
 from fem.system.system import Orbits, System
 from geometry.machine.system import one_thread_of_blas
 from geometry.machine.work import LimitError

@@ -34,7 +34,7 @@ from fem.element.stress import (
 from fem.stresses.ball_averages import averaged_tension, ball_averages
 from fem.stresses.recovery import block_displacements, moved_bodies
 from fem.system.body import Body
-from fem.system.state import ContactState
+from fem.system.contact_state import ContactState
 from fem.system.system import System
 from geometry.mesh import HEX_FACES, FloatArray, IntArray, ReadOnlyArrays
 from geometry.parts.measures import JointResultants, first_largest, summed_by_joint

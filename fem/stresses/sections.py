@@ -22,7 +22,7 @@ from itertools import pairwise
 import numpy as np
 
 from fem.stresses.recovery import block_displacements
-from fem.system.state import ContactState, corner_displacements
+from fem.system.contact_state import ContactState, corner_displacements
 from fem.system.system import System
 from geometry.assembly import Assembly
 from geometry.mesh import BoolArray, FloatArray, IntArray, ReadOnlyArrays

@@ -12,7 +12,7 @@ from functools import cached_property
 import numpy as np
 
 from fem.contact.search import FacingPoints, points_of_search
-from fem.system.state import ContactState, block_surface, facets_that_fit, searched_state
+from fem.system.contact_state import ContactState, block_surface, facets_that_fit, searched_state
 from geometry.assembly import Assembly
 from geometry.interface import Interfaces
 from geometry.mesh import FloatArray, IntArray

@@ -6,7 +6,7 @@ import numpy as np
 
 from fem.contact.surfaces import ContactPoints
 from fem.system.body import ModelError, rigid_motions
-from fem.system.state import corner_displacements
+from fem.system.contact_state import corner_displacements
 from fem.system.system import System
 from geometry.mesh import FloatArray, IntArray
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from fem import CoulombFriction, Problem, Static, concrete, solve_static
-from fem.answer import answer_of
+from fem.answer.answer import answer_of
 from fem.static import newton
 from fem.static.linear_step.linearisation import StaticError
 from geometry import SineBlock, pipe, tube

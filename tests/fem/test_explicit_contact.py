@@ -15,8 +15,8 @@ from fem.explicit.setup.timed_system import state_of, timed_system
 from fem.explicit.solve import Output, StopCriterion, initial_state, prepare, run_explicit
 from fem.explicit.state import world_vectors
 from fem.static.solve import static_state
+from fem.system.contact_state import corner_displacements
 from fem.system.effects import AdaptiveMassDamping, Effects
-from fem.system.state import corner_displacements
 from geometry.assembly import moved
 from geometry.families.sine_block import SineBlockDivisions
 from geometry.families.tube import SineTube

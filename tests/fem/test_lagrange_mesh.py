@@ -25,8 +25,8 @@ from fem.problem import ProblemError
 from fem.static.solve import StaticMethod, StaticOptions
 from fem.stresses.peaks import largest_pressure
 from fem.system.body import placed_body
+from fem.system.contact_state import corner_displacements
 from fem.system.forces import pressure_forces
-from fem.system.state import corner_displacements
 from geometry.block import Block
 from geometry.families.boxes import ColumnBox, box_column
 from geometry.families.hexagon_block import (

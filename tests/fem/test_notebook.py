@@ -17,7 +17,7 @@ import geometry
 import mbd
 import validation
 from fem import Explicit, Material, Problem, Static, concrete, solve_explicit, solve_static
-from fem.answer import answer_of
+from fem.answer.answer import answer_of
 from fem.problem import ProblemError
 from fem.system.system import System
 from geometry import (

@@ -18,8 +18,8 @@ from fem.decks.problem import problem_deck
 from fem.decks.write import deck_lines
 from fem.dynamics import stated_run
 from fem.static.solve import static_state
+from fem.system.contact_state import facing_points
 from fem.system.forces import wrench_forces
-from fem.system.state import facing_points
 from geometry import (
     Assembly,
     ColumnBox,

@@ -13,7 +13,7 @@ from fem.element.facet import FACET_VALUES
 from fem.element.kinds import integration_points
 from fem.stresses.ball_averages import ball_averages
 from fem.stresses.peaks import joint_forces, largest_pressure, stress_peaks
-from fem.system.state import contact_state
+from fem.system.contact_state import contact_state
 from geometry import Answer, Measure
 from geometry.answer import TITLES, measure_rows
 from tests.support.answers import on_its_mesh

@@ -10,7 +10,7 @@ import pytest
 
 from fem.explicit.solve import Status
 from fem.static.solve import StaticMethod, StaticOptions, static_state
-from fem.system.state import corner_displacements
+from fem.system.contact_state import corner_displacements
 from geometry import Answer
 from tests.support.answers import on_its_mesh
 from tests.support.commands import command

@@ -10,7 +10,7 @@ import pytest
 from fem import ExponentialLaw, Problem, concrete
 from fem.accuracy.converge import climbed
 from fem.accuracy.ladder import Rung
-from fem.measures import hidden_between_nodes
+from fem.answer.measures import hidden_between_nodes
 from geometry import SineBlock, pipe, tube
 from geometry.families.boxes import ColumnBox, box_column
 from geometry.loads import face_pressure

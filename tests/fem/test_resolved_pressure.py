@@ -7,8 +7,8 @@ import pytest
 
 from fem import ExponentialLaw
 from fem.accuracy.errors import relative
+from fem.answer.measures import bracketed
 from fem.contact.facet_peaks import LARGEST_FACTOR, facet_peaks
-from fem.measures import bracketed
 from geometry import Answer, Measure
 from tests.support.answers import on_its_mesh
 from validation import load_case

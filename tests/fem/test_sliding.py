@@ -15,8 +15,8 @@ from fem.contact.search import points_of_search
 from fem.explicit.setup.quasi_static import block_frequencies
 from fem.explicit.setup.timed_system import state_of, timed_system
 from fem.explicit.solve import StopCriterion, initial_state, prepare, run_explicit
+from fem.system.contact_state import contact_state, facing_points
 from fem.system.effects import AdaptiveMassDamping, Effects
-from fem.system.state import contact_state, facing_points
 from fem.system.system import System
 from geometry import ColumnBox, RefusedError, box_block, box_column
 from geometry.files.mesh_io import write_hex_mesh

@@ -19,8 +19,8 @@ from fem.static.linear_step import condensed as flexibility
 from fem.static.linear_step.flexibility import FlexibilityStore
 from fem.static.linear_step.linearisation import StaticError
 from fem.static.solve import StaticMethod, StaticOptions, static_state
+from fem.system.contact_state import contact_measures
 from fem.system.sector import SymmetryError
-from fem.system.state import contact_measures
 from geometry.assembly import moved, renumbered
 from geometry.loads import LoadCase, PressureLoad, named_load
 from geometry.mesh import HexMesh

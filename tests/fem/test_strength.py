@@ -13,7 +13,7 @@ import pytest
 
 from fem import Material, Problem, Static, concrete, solve_static
 from fem.accuracy.strength import _BoundError, _scaled_until, strength_factors
-from fem.measures import measures_of
+from fem.answer.measures import measures_of
 from geometry import ColumnBox, Measure, RefusedError, SineBlock, box_column, pipe, tube
 from geometry.answer import measure_rows
 from geometry.loads import face_pressure

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from fem import Problem
-from fem.answer import answer_of
+from fem.answer.answer import answer_of
 from fem.static.solve import StaticOptions, static_state
 from geometry import Answer
 from validation import Case, load_case, solve

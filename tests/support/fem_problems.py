@@ -11,7 +11,7 @@ from scipy.sparse.linalg import spsolve
 from fem import ElementType, Material, Problem
 from fem.element.kinds import block_hourglass_stiffness, block_stiffness
 from fem.state import State
-from fem.system.state import contact_state, corner_displacements
+from fem.system.contact_state import contact_state, corner_displacements
 from fem.system.system import System
 from geometry.block import Block, box_block
 from geometry.mesh import FloatArray, HexMesh, boundary_quads

@@ -21,7 +21,7 @@ from scipy.sparse.linalg import splu
 
 from fem import Problem
 from fem.contact.search import points_of_search
-from fem.system.state import facing_points
+from fem.system.contact_state import facing_points
 from geometry import PressureLoad
 from geometry.mesh import CORNERS, BoolArray, FloatArray, IntArray
 

@@ -15,7 +15,7 @@ from itertools import pairwise
 import pytest
 
 from fem import Static, solve_static
-from fem.measures import load_step_change
+from fem.answer.measures import load_step_change
 from tests.support.answers import on_its_mesh
 from tests.verification.error_problems import PRESSED, exact_push, pushed_box
 from validation import load_case

@@ -12,12 +12,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from scipy.spatial import KDTree
 
+from fem.answer.measures import load_step_change
 from fem.decks.deck import Deck, Flavour
 from fem.decks.problem import problem_deck
 from fem.decks.write import write_deck_file
 from fem.element.hexahedron import ElementType
 from fem.element.material import Material
-from fem.measures import load_step_change
 from fem.method import Explicit, Static
 from fem.problem import Problem
 from geometry.answer import Answer

@@ -23,8 +23,8 @@ from fem.explicit.solve import (
 from fem.explicit.solve import watch as watch_energy
 from fem.explicit.step import step as central_difference_step
 from fem.explicit.timed import TimedSystem
+from fem.system.contact_state import contact_state
 from fem.system.effects import AdaptiveMassDamping, Effects
-from fem.system.state import contact_state
 from fem.system.system import System
 from fem.system.time_step import TimeStepError
 from geometry.block import box_block

@@ -24,10 +24,10 @@ from fem.explicit.solve import Run
 from fem.explicit.timed import RecommendedTimes, TimedSystem
 from fem.problem import Motion
 from fem.state import State
+from fem.system.contact_state import block_surfaces, searched_state
 from fem.system.effects import EffectError, Effects
 from fem.system.forces import ALL_THE_WAY, SmoothStepAmplitude, TabularAmplitude
 from fem.system.sector import SymmetryError, largest_cyclic_orbits, require_sector, with_half_turn
-from fem.system.state import block_surfaces, searched_state
 from fem.system.system import Orbits, System
 from fem.system.time_step import TimeStepError
 from geometry.mesh import FloatArray, IntArray

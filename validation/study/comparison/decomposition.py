@@ -16,9 +16,9 @@ import numpy as np
 from fem.accuracy.facets import pressures_on_facets
 from fem.accuracy.ladder import LADDER, on_rung
 from fem.accuracy.statics import static_options
+from fem.answer.measures import contact_on
 from fem.contact.friction import CoulombFriction
 from fem.contact.law import LinearPenalty
-from fem.measures import contact_on
 from fem.method import Static
 from fem.problem import Problem
 from fem.static.linear_step.flexibility import FlexibilityStore

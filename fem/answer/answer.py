@@ -9,11 +9,11 @@ from typing import Any
 
 import numpy as np
 
+from fem.answer.measures import contact_on, contacts_of, measures_of
+from fem.answer.rows import state_rows
 from fem.contact.normals import ContactNormals
 from fem.element.stress import von_mises
-from fem.measures import contact_on, contacts_of, measures_of
 from fem.problem import Problem
-from fem.rows import state_rows
 from fem.state import State
 from fem.static.linear_step.linearisation import StaticError
 from geometry.answer import Answer, Array, Lazy, Measure, known

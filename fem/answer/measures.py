@@ -24,8 +24,8 @@ from fem.stresses.peaks import (
     mean_of_block_maxima,
     pressure_between_nodes,
 )
+from fem.system.contact_state import ContactMeasures
 from fem.system.reactions import PushCurve
-from fem.system.state import ContactMeasures
 from geometry.answer import (
     Array,
     Contacts,
@@ -51,7 +51,7 @@ def measures_of(
     facets: tuple[Assembly, FloatArray] | None = None,
     remarks: Mapping[str, str] | None = None,
 ) -> Lazy[Measure]:
-    """Measures of a state, each computed when it is read: see `fem.answer.answer_of`."""
+    """Measures of a state, each computed when it is read: see `fem.answer.answer.answer_of`."""
     moved = state.deformable, state.displacements
     makers = {
         "max_displacement": lambda: _measure(state, largest_displacement(*moved), "mm")

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import asdict
 from typing import TYPE_CHECKING
 
-from fem.measures import contact_on
+from fem.answer.measures import contact_on
 from fem.state import State
 from geometry.answer import PAPER, Answer, measure_rows
 from geometry.assembly import Assembly
@@ -16,8 +16,8 @@ from geometry.parts.walls import has_faces
 
 if TYPE_CHECKING:
     from fem.explicit.solve import Run
+    from fem.system.contact_state import CapAction, ContactMeasures
     from fem.system.reactions import PushCurve
-    from fem.system.state import CapAction, ContactMeasures
 
 #: Measures that answer what is asked first: pressure, tension, displacement.
 _FIRST = ("p_max_point", "sigma_1_averaged", "max_displacement")
