@@ -17,7 +17,13 @@ from validation.scene.family import RoundScene
 from validation.scene.keys.quantities import unit_of_key
 from validation.scene.keys.toml_text import flat, toml_value
 from validation.scene.polyhedra import PolyhedralScene
-from validation.scene.read import DeformableScene, apply_overrides, check_scene, scene_data
+from validation.scene.read import (
+    DeformableScene,
+    apply_overrides,
+    check_scene,
+    require_plausible,
+    scene_data,
+)
 from validation.scene.sections import LimitsSection, PicturesSection
 
 if TYPE_CHECKING:
@@ -206,8 +212,18 @@ class Case:
         return self.stating(scene)
 
     def varied(self, values: Mapping[str, Any]) -> Case:
-        """Return the case with other values by key, None and whole sections among them."""
-        return self.stating(self.scene.changed(values))
+        """Return the case with other values by key, None and whole sections among them.
+
+        Raises
+        ------
+        InputError
+            As `changed`.
+        """
+        try:
+            scene = self.scene.changed(values)
+        except InputError as error:
+            raise InputError(f"{self.name}: {error}") from None
+        return self.stating(scene)
 
     def combined(self, name: str) -> Case:
         """Return the case with the loads of one of its combinations."""
@@ -222,7 +238,8 @@ class Case:
         return None if scene is None else self.stating(scene)
 
     def stating(self, scene: DeformableScene) -> Case:
-        """Return the case with another scene, and the same kind of method."""
+        """Return the case with another scene, checked as one of a file, and its kind of method."""
+        require_plausible(scene, self.name)
         method = scene.rigid_method if isinstance(self.method, Rigid) else scene.method
         return replace(self, source=scene, method=method, stated=None, blocks=None)
 

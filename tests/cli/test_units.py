@@ -88,6 +88,10 @@ def test_slips_of_units_are_named_and_can_be_meant(scene: str, change: str, word
         load_case(scene, [change])
     message = str(refused.value)
     assert "\n" not in message
+    key, _, text = change.partition("=")
+    with pytest.raises(InputError) as varied:  # as studies vary it
+        load_case(scene).varied({key: tomllib.loads(f"value = {text}")["value"]})
+    assert str(varied.value) == message
     # What the message says makes the scene pass: for all that looks wrong, one after the other.
     accepted: list[str] = []
     for _ in range(4):

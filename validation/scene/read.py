@@ -155,13 +155,15 @@ def check_scene(data: Mapping[str, Any], source: str = "scene") -> DeformableSce
         scene = model.model_validate(data)
     except ValidationError as error:
         raise InputError(f"{source}: {one_line(error, model, _example(kind))}") from None
-    slip = implausible(scene, scene.plausibility.accept)
-    if slip is not None:
-        raise InputError(f"{source}: {slip}")
-    size = too_large(scene)
-    if size is not None:
-        raise InputError(f"{source}: {size}")
+    require_plausible(scene, source)
     return scene
+
+
+def require_plausible(scene: DeformableScene, source: str) -> None:
+    """Reject values that are a slip of the pen, and what no computer has room for."""
+    why = implausible(scene, scene.plausibility.accept) or too_large(scene)
+    if why is not None:
+        raise InputError(f"{source}: {why}")
 
 
 #: Sizes of numbers whose products with a few others are still floats.
