@@ -290,7 +290,7 @@ def sweep(
     from validation.output.console import plain_console
     from validation.study.rowfile import StudyRows, store_or_none
     from validation.study.run import runner_for
-    from validation.study.study import load_study
+    from validation.study.scene_study import load_study
     from validation.study.sweep import run_sweep
 
     study: Study
@@ -325,7 +325,7 @@ def _study_of_scene(
     accuracy: float | None,
 ) -> Study:
     """Study of a scene, as its file would state it."""
-    from validation.study.study import check_study
+    from validation.study.scene_study import check_study
 
     data: dict[str, Any] = {
         "scene": str(case) if isinstance(case, str | Path) else _case(case, ()).keys,
@@ -353,7 +353,7 @@ def _study_of_function(
 ) -> Study:
     """Study of the problems of a function."""
     from mbd.options import Rigid
-    from validation.study.functions import FunctionStudy
+    from validation.study.study import FunctionStudy
 
     if method is None or store is not None or workers != 1:
         raise InputError(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -15,9 +16,9 @@ pytestmark = pytest.mark.quick
 COARSE = ("mesh.edge=4", "mesh.radial=2")
 
 
-def unlocking(scene: str, *settings: str) -> dict[str, Any]:
+def unlocking(scene: str, *settings: str, options: tuple[str, ...] = ()) -> dict[str, Any]:
     """What ``tubelock mbd --layers-to-unlock`` finds."""
-    words = [part for value in settings for part in ("--set", value)]
+    words = [*(part for value in settings for part in ("--set", value)), *options]
     status, out, said = command("mbd", scene, *words, "--layers-to-unlock", "--json", "-")
     assert status == 0, said
     data: dict[str, Any] = json.loads(out)
@@ -29,9 +30,13 @@ def class_with_layers(layers: int) -> str:
     return str(solve(case).details.mechanism)
 
 
-def test_the_least_number_of_layers_is_least() -> None:
-    """Locked with one layer less, not locked with it: by the classes themselves."""
-    found = unlocking("thb0-pipe", *COARSE)["layers_to_unlock"]["layers"]
+def test_the_least_number_of_layers_is_least(tmp_path: Path) -> None:
+    """Locked with one layer less, not locked with it: by the classes themselves; rows are kept."""
+    folder = ("-o", str(tmp_path))
+    told = unlocking("thb0-pipe", *COARSE, options=folder)["layers_to_unlock"]
+    found = told["layers"]
+    rows = (tmp_path / "layers.jsonl").read_text().splitlines()
+    assert len(rows) == len(told["classes"])
     assert found > 1
     assert class_with_layers(found) != "locked"
     assert class_with_layers(found - 1) == "locked"

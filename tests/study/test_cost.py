@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 
 from validation import Case, InputError, load_case
-from validation.study import cases as study_of_cases
+from validation.study import study as study_of_cases
 from validation.study.costs import study as cost
 from validation.study.costs.study import QUANTITIES, CostStudy, cost_cases, run_cost
 from validation.study.rowfile import RowFile

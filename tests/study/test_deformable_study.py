@@ -8,7 +8,7 @@ from pathlib import Path
 
 from validation import read_rows
 from validation.study.run import run_design
-from validation.study.study import load_study
+from validation.study.scene_study import load_study
 
 ROWS = Path(str(resources.files("validation"))) / "studies" / "paper-480-fem.csv"
 MEASURES = ("p_max", "p_eff", "sigma_1_averaged", "max_displacement")

@@ -9,8 +9,8 @@ import pytest
 
 from tests.support.commands import command
 from validation import load_case, solve
-from validation.study import construction
-from validation.study.construction import solve_in_stages
+from validation.study import beside_rigid
+from validation.study.beside_rigid import solve_in_stages
 from validation.study.rowfile import RowFile
 
 KEYS = {
@@ -26,7 +26,7 @@ def test_an_interrupted_construction_goes_on_with_the_same_answer(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     case, store, judged = load_case("arch", KEYS, method="rigid"), tmp_path / "x.jsonl", []
-    whole = construction.Construction.stage
+    whole = beside_rigid.Construction.stage
 
     def stage(self: Any, n: int, sought: float) -> Any:
         if n == 4 and len(judged) == 3:
@@ -35,7 +35,7 @@ def test_an_interrupted_construction_goes_on_with_the_same_answer(
         judged.append(n)
         return whole(self, n, sought)
 
-    monkeypatch.setattr(construction.Construction, "stage", stage)
+    monkeypatch.setattr(beside_rigid.Construction, "stage", stage)
     with pytest.raises(KeyboardInterrupt):
         solve_in_stages(case, store, lambda _: None)
     assert len(RowFile(store)) == 3

@@ -19,7 +19,8 @@ from validation import InputError
 from validation.study import rowfile
 from validation.study.rowfile import RowFile, StudyRows, write_row_csv
 from validation.study.run import sweep
-from validation.study.study import SceneStudy, Study, check_study, data_digest, load_study
+from validation.study.scene_study import SceneStudy, check_study, load_study
+from validation.study.study import Study, data_digest
 
 pytestmark = pytest.mark.quick
 

@@ -30,7 +30,8 @@ from validation import InputError, load_case
 from validation.study.design import DesignRow
 from validation.study.rowfile import StudyRows, write_row_csv
 from validation.study.run import DaskRunner, LocalRunner, run_design, sweep
-from validation.study.study import Study, check_study, load_study
+from validation.study.scene_study import check_study, load_study
+from validation.study.study import Study
 
 
 @pytest.fixture
@@ -248,10 +249,9 @@ def test_a_deformable_design_keeps_the_mesh_that_it_states(settings) -> None:
     assert row.results["p_max_point_error"] > 0.1 * row.results["p_max_point"]
 
 
-def test_an_accuracy_of_one_mesh_is_a_failed_design() -> None:
-    row = run_design(deformable(settings=COARSE | {"fem.mesh": "scene"}, accuracy=0.1), 0)
-    assert row.status == "failed"
-    assert "which is one mesh" in row.message
+def test_an_accuracy_of_one_mesh_is_refused_before_any_design() -> None:
+    with pytest.raises(InputError, match="which is one mesh"):
+        deformable(settings=COARSE | {"fem.mesh": "scene"}, accuracy=0.1)
 
 
 def test_the_accuracy_is_part_of_the_question() -> None:

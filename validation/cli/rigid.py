@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -26,8 +27,8 @@ if TYPE_CHECKING:
     from validation.case import Case
     from validation.output.outputs import Outputs
 
-#: File of the stages of a construction.
-STAGES = "stages.jsonl"
+#: Files of the stages of a construction, and of other numbers of layers.
+STAGES, LAYERS = "stages.jsonl", "layers.jsonl"
 
 UnlockOption = Annotated[
     bool,
@@ -89,14 +90,15 @@ def mbd(
         solve_combinations(case, json, output, {"--fields": fields, **asked})
         return
     if any(asked.values()):
-        from validation.study.mesh_and_frames import check_asked
+        from validation.study.beside_rigid import check_asked
 
         check_asked(case, asked)
-    kept = (STAGES,) if "stages" in case.keys else ()
+    asks = {STAGES: "stages" in case.keys, LAYERS: unlock}
+    kept = tuple(name for name, on in asks.items() if on)
     with scene_outputs(case, json, output, (*FILES, *kept), fields=fields) as outputs:
         with following(case.name) as show:
             answer = _solved(case, outputs, show)
-        write_command_files(answer.beside(_studied(case, answer, asked)), outputs)
+        write_command_files(answer.beside(_studied(case, answer, asked, outputs)), outputs)
 
 
 def _solved(case: Case, outputs: Outputs, show: Callable[[Any], None]) -> Answer:
@@ -105,15 +107,24 @@ def _solved(case: Case, outputs: Outputs, show: Callable[[Any], None]) -> Answer
 
     if STAGES not in outputs.names:
         return solve(case, show)
-    from validation.study.construction import solve_in_stages
-    from validation.study.rowfile import store_or_none
+    from validation.study.beside_rigid import solve_in_stages
 
-    rows = None if outputs.folder is None else outputs.path(STAGES)
-    with store_or_none(rows) as store:
+    with _rows(outputs, STAGES) as store:
         return solve_in_stages(case, store, show)
 
 
-def _studied(case: Case, answer: Answer, asked: Mapping[str, bool]) -> dict[str, Part]:
+@contextmanager
+def _rows(outputs: Outputs, name: str) -> Iterator[Path]:
+    """File of rows in the folder; without one it goes at the end."""
+    from validation.study.rowfile import store_or_none
+
+    with store_or_none(None if outputs.folder is None else outputs.path(name)) as store:
+        yield store
+
+
+def _studied(
+    case: Case, answer: Answer, asked: Mapping[str, bool], outputs: Outputs
+) -> dict[str, Part]:
     """Answers to other numbers of layers and to shorter facets, and the motion outwards."""
     from validation.output.console import following
 
@@ -124,12 +135,12 @@ def _studied(case: Case, answer: Answer, asked: Mapping[str, bool]) -> dict[str,
         with following(f"{case.name}: motion outwards"):
             parts["disassembly"] = run_explosion(case)
     if asked["--layers-to-unlock"]:
-        from validation.study.mesh_and_frames import layers_to_unlock
+        from validation.study.beside_rigid import layers_to_unlock
 
-        with following(f"{case.name}: layers to unlock"):
-            parts["layers_to_unlock"] = layers_to_unlock(case)
+        with following(f"{case.name}: layers to unlock"), _rows(outputs, LAYERS) as store:
+            parts["layers_to_unlock"] = layers_to_unlock(case, store)
     if asked["--refine"]:
-        from validation.study.mesh_and_frames import refined
+        from validation.study.beside_rigid import refined
 
         with following(f"{case.name}: half the facet size"):
             parts["refinement"] = refined(case, answer)

@@ -82,7 +82,7 @@ def sweep(
     from validation.study.picture import check_axes
     from validation.study.rowfile import StudyRows
     from validation.study.run import runner_for
-    from validation.study.study import load_study
+    from validation.study.scene_study import load_study
     from validation.study.sweep import run_sweep
 
     stated = load_study(study, settings or ())

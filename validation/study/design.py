@@ -119,23 +119,17 @@ def _built(report: Mapping[str, Any]) -> dict[str, Any]:
     return {name: report.get(name) for name in BUILT}
 
 
-def fem_results(
-    case: Case, accuracy: float | Mapping[str, float] | None = None
-) -> tuple[dict[str, Any], list[str]]:
+def fem_results(case: Case) -> tuple[dict[str, Any], list[str]]:
     """Value and error bar of each measure, and what is to be known of them.
 
-    Solved as `tubelock fem` does: on finer and finer meshes, or on its own; to the error bars that
-    a study requests, where it does. A value that its mesh does not resolve, or that grows with
-    every refinement, is absent.
+    Solved as `tubelock fem` does: on finer and finer meshes, or on its own. A value that its mesh
+    does not resolve, or that grows with every refinement, is absent.
     """
     from fem.accuracy.converge import TARGETS
     from fem.accuracy.errors import AT_AN_EDGE
     from fem.accuracy.parts import Accuracy
     from validation.solving import repeatable, solve
 
-    if accuracy:
-        asked = dict.fromkeys(TARGETS, accuracy) if isinstance(accuracy, float) else accuracy
-        case = case.varied({"fem.accuracy": asked})
     answer = repeatable(solve(case, otherwise=dict.fromkeys(TARGETS, RANKING)))
     measures, result = answer.measures, dict[str, Any]()
     named: dict[str, list[str]] = {}

@@ -149,21 +149,21 @@ def computed(
 
 
 def answered(
-    study: Study, store: Path, tell: Callable[[str], None] | None = None
+    study: Study, store: Path, tell: Callable[[str], None] | None = None, *, every: bool = True
 ) -> list[dict[str, Any]]:
-    """Rows of all designs of one parameter, of which the first that fails ends the study.
+    """Rows of all designs of one parameter; ``every``: the first that fails ends the study.
 
     ``tell`` is called with words after each new row. A row that failed before is tried again.
 
     Raises
     ------
     InputError
-        Why a design has no answer.
+        Why a design has no answer, where every one needs it.
     """
     results = StudyRows(store, study)
 
     def follow(row: DesignRow) -> None:
-        if row.status == "failed":
+        if every and row.status == "failed":
             raise InputError(row.message)
         if tell is not None:
             (value,) = row.parameters.values()

@@ -18,10 +18,8 @@ from validation.case import Case, Method, refuse_cell
 from validation.errors import InputError
 from validation.output.answer_files import answer_of_data
 from validation.output.files import processor
-from validation.study.cases import CaseStudy
-from validation.study.design import DesignRow
-from validation.study.rowfile import StudyRows
-from validation.study.run import runner_for, sweep
+from validation.study.run import answered
+from validation.study.study import CaseStudy
 
 #: Measures whose errors are measured.
 QUANTITIES = ("max_displacement", "p_eff", "p_max_point", "sigma_1_averaged")
@@ -208,14 +206,8 @@ def run_cost(
     cases = cost_cases(case, quick=quick)
     names = tuple(cases)
     study = _Measured(case.name, "fem", (("case", names),), cases=tuple(cases.values()))
-    results = StudyRows(store, study)
-
-    def follow(row: DesignRow) -> None:
-        progress(f"{names[row.number]}, {row.number + 1} of {len(names)}")
-
-    sweep(results, runner_for(study), retry_failed=True, on_row=follow)
     failures, answers, processors = {}, {}, set()
-    for row in results.rows():
+    for row in answered(study, store, progress, every=False):
         if row["status"] == "ok":
             answers[row["case"]] = answer_of_data(row["answer"])
             processors.add(row["processor"])

@@ -22,12 +22,11 @@ from fem.explicit.timed import TimedSystem
 from fem.method import Explicit
 from validation.case import Case, refuse_cell
 from validation.errors import InputError, named
-from validation.scene.deformable import EffectName
 from validation.solving import solve
 from validation.study.effects.probe import Quantities, change, quantities_of
 from validation.study.effects.switches import effects_of, key_changes, without_effect
 from validation.study.run import answered
-from validation.study.study import Study
+from validation.study.study import CaseStudy, case_content
 
 #: Steps of one timing, after as many for warming up; and rounds of which the least counts.
 TIMED_STEPS = 60
@@ -47,6 +46,13 @@ def to_rest(case: Case) -> Case:
     rayleigh = explicit.method.rayleigh  # type: ignore[union-attr]
     by_mass = rayleigh is not None and rayleigh.mass_proportional is not None
     return explicit.varied({"fem.damping": None if by_mass else "static"})
+
+
+def _in_time(case: Case, ramp: float, end: float) -> Case:
+    """Return the case with the ramp [s] of all runs, and the end where no damping ends it."""
+    assert isinstance(case.method, Explicit)
+    times = {"ramp_time": ramp} | ({} if case.method.damping is not None else {"end_time": end})
+    return case.varied({"fem": times})
 
 
 def _stated(case: Case) -> TimedSystem:
@@ -76,33 +82,18 @@ def _bytes(system: ExplicitSystem, state: Lanes) -> int:
 
 
 @dataclass(frozen=True)
-class EffectStudy(Study):
+class EffectStudy(CaseStudy):
     """A deformable tube with all its effects, and without one at a time: answers, costs of a step.
 
     Costs of an effect are over those without it in the same process.
     """
 
-    base: Case = field(kw_only=True)
     answers: bool = field(kw_only=True)
     """Whether runs to the static state are made: else costs alone."""
-    effects: tuple[EffectName, ...] = field(kw_only=True)
-    """Those of the base."""
-    times: dict[str, float] = field(kw_only=True)
-    """``ramp_time`` and ``end_time`` [s] of all runs; the second where no adaptive damping ends
-    it."""
 
     def content(self, number: int) -> Any:
-        """Return case, effect and times."""
-        return [self.base.keys, self.case(number).keys, self.answers]
-
-    def case(self, number: int) -> Case:
-        """Case of a design; the first has all effects."""
-        case, times = self.base, dict(self.times)
-        if number > 0:
-            case = to_rest(without_effect(case, self.effects[number - 1]))
-        if case.method.damping is not None:  # type: ignore[union-attr]
-            del times["end_time"]
-        return case.varied({"fem": times})
+        """Return both cases, and whether they are answered."""
+        return [case_content(self.cases[0]), case_content(self.cases[number]), self.answers]
 
     def results(self, number: int) -> tuple[dict[str, Any], list[str]]:
         """Costs of a design and, where asked for, its answer."""
@@ -113,10 +104,8 @@ class EffectStudy(Study):
             take_steps(system, state)
             cost["seconds_per_step"] = min(take_steps(system, state) for _ in range(ROUNDS))
         else:
-            effect = self.effects[number - 1]
             changes = [change.as_json() for change in key_changes(base, case)]
-            cost = {"name": effect.replace("_", " "), "changes": changes}
-            cost |= _measured(base, case)
+            cost = {"changes": changes, **_measured(base, case)}
         answer = asdict(_answer(case)) if self.answers else None
         return {"cost": cost, "answer": answer}, []
 
@@ -157,20 +146,14 @@ def effect_costs(
     frequency, ramp = statement.recommended.frequency, statement.ramp_time
     assert isinstance(base.method, Explicit)
     end = base.method.end_time or ramp + _PERIODS / frequency
-    study = EffectStudy(
-        case.name,
-        "fem",
-        (("effect", ("all", *map(str, effects))),),
-        base=base,
-        answers=answers,
-        effects=effects,
-        times={"ramp_time": ramp, "end_time": end},
-    )
+    every = {"all": base} | {str(e): to_rest(without_effect(base, e)) for e in effects}
+    cases = tuple(_in_time(one, ramp, end) for one in every.values())
+    named_effects = (("effect", tuple(every)),)
+    study = EffectStudy(case.name, "fem", named_effects, cases=cases, answers=answers)
     plain, *rows = answered(study, store, told)
     costs = []
     for row in rows:
-        cost = dict(row["cost"])
-        moved = None
+        cost, moved = {"name": row["effect"].replace("_", " "), **row["cost"]}, None
         if answers:
             moved = change(Quantities(**plain["answer"]), Quantities(**row["answer"]))
             cost |= {key: 100.0 * value for key, value in asdict(moved).items()}

@@ -319,25 +319,29 @@ def _first_points(path: str, value: float, share: float) -> list[Point]:
 class PointStudy(Study):
     """A scene with one number changed at a time."""
 
-    case: Case = field(kw_only=True)
+    base: Case = field(kw_only=True)
 
     @cached_property
     def digest(self) -> str:
         """Digest of the scene and its method."""
-        return data_digest([super().digest, case_content(self.case)])
+        return data_digest([super().digest, case_content(self.base)])
 
     def content(self, number: int) -> Any:
         """Return key, value and number of meshes."""
         return self.design(number)
 
+    def case(self, number: int) -> Case:
+        """Case of a design."""
+        path, value, _ = self.design(number)["point"]
+        if not path:
+            return self.base
+        name = f"{self.base.name}, {path} = {value:.6g}"
+        return replace(self.base.varied({path: value}), name=name)
+
     def results(self, number: int) -> tuple[dict[str, Any], list[str]]:
         """Measures on each mesh."""
-        path, value, meshes = self.design(number)["point"]
-        case = self.case
-        if path:
-            name = f"{case.name}, {path} = {value:.6g}"
-            case = replace(case.varied({path: value}), name=name)
-        values = answers_at(case, self.quantity, meshes)
+        *_, meshes = self.design(number)["point"]
+        values = answers_at(self.case(number), self.quantity, meshes)
         return {"meshes": [{name: m.as_json() for name, m in v.items()} for v in values]}, []
 
 
@@ -354,7 +358,7 @@ class _Nearby:
 
     def compute(self, points: Sequence[Point]) -> None:
         """Take rows of some points from the store, and compute those that it lacks."""
-        study = PointStudy(self.case.name, self.method, (("point", tuple(points)),), case=self.case)
+        study = PointStudy(self.case.name, self.method, (("point", tuple(points)),), base=self.case)
         done = 0
 
         def follow(row: DesignRow) -> None:

@@ -30,7 +30,7 @@ from validation.errors import InputError
 from validation.scene.keys.toml_text import flat
 from validation.scene.read import read_text
 from validation.study.design import COLUMNS, MEASURES
-from validation.study.study import (
+from validation.study.scene_study import (
     MOST_DESIGNS,
     SceneStudy,
     check_keys,

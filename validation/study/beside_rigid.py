@@ -1,4 +1,6 @@
-"""What a rigid answer owes to its mesh and to its frames: the same scene with others.
+"""What a rigid answer has beside it: its stages, facets of half the length, other layers.
+
+Each stage of a construction is a row of a file: an interrupted one goes on from there.
 
 Forces between rigid blocks are not unique: the answer is the one of least norm on the facets of
 ``[mesh]``, and its means follow the facets. How far they do is seen on facets of half the length.
@@ -9,17 +11,88 @@ hexagon-based blocks under internal pressure are. `layers_to_unlock` finds how m
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, dataclass, field, replace
+from functools import cached_property
+from pathlib import Path
 from typing import Any
 
 from geometry.answer import Answer
+from geometry.compilation.clocks import summed
 from geometry.parts.rows import Row, number
 from mbd import MechanismClass
+from mbd.answer import analyse
+from mbd.building.stages import Construction
+from mbd.options import Rigid
 from validation.case import Case
-from validation.errors import InputError
+from validation.errors import InputError, named
 from validation.scene.family import round_types
 from validation.solving import solve
+from validation.study.rowfile import StudyRows
+from validation.study.run import answered, computed, runner_for
+from validation.study.scene_study import SceneStudy
+from validation.study.study import Study, case_content, data_digest
+
+# ---------------------------------------------------------------------------------------------
+# Stages
+
+
+@dataclass(frozen=True)
+class StageStudy(Study):
+    """Stages by their numbers, judged one after the other."""
+
+    base: Case = field(kw_only=True)
+    construction: Construction = field(kw_only=True)
+    sought: dict[int, float] = field(default_factory=dict, kw_only=True)
+    """What each stage spent on whether its joints are pressed beforehand, by its design [s]."""
+
+    @cached_property
+    def digest(self) -> str:
+        """Digest of what its scene states."""
+        return data_digest([type(self).__name__, case_content(self.base)])
+
+    def content(self, number: int) -> Any:
+        """Return which stage it is."""
+        return number
+
+    def results(self, number: int) -> tuple[dict[str, Any], list[str]]:
+        """Judge a stage within what those before left."""
+        before = sum(spent for k, spent in self.sought.items() if k < number)
+        stage = self.construction.stage(number + 1, before)
+        self.sought[number] = stage.sought
+        return {"judged": stage.as_json()}, []
+
+
+def solve_in_stages(case: Case, store: Path, show: Callable[[Any], None]) -> Answer:
+    """Answer a case of rigid blocks with its stages, which the store, a file of rows, keeps.
+
+    Stages under a limit of CPU time depend on the machine, and are not kept.
+    """
+    method = case.method
+    if not isinstance(method, Rigid) or method.stages is None or method.max_seconds is not None:
+        return solve(case, show)
+    show("builds the blocks and finds where they touch")
+    start = time.process_time()
+    with named(case.name):
+        problem, built = case.check(), time.process_time() - start
+        build = Construction(problem, method.stages, method, show, analyse)
+        numbers = (("stage", tuple(range(1, len(build.order) + 1))),)
+        study = StageStudy(case.name, "rigid", numbers, base=case, construction=build)
+        for row in StudyRows(store, study).rows():
+            study.sought[row["number"]] = row.get("judged", {}).get("sought", 0.0)
+        rows = answered(study, store, lambda words: show(f"stage {words.partition(', ')[2]}"))
+        stages = build.results(build.restored(row["judged"]) for row in rows)
+        spent = time.process_time() - start
+    answer = solve(replace(case, method=replace(method, stages=None), stated=problem), show)
+    before = {"build": built, "parts": spent - built, "total": spent}
+    seconds = summed(answer.report["cpu_seconds"], before)
+    answer = replace(answer, case=case, parts={"stages": stages, **answer.parts})
+    return answer.with_report({"cpu_seconds": seconds})
+
+
+# ---------------------------------------------------------------------------------------------
+# Shorter facets
 
 #: Elements along every edge over those of the scene.
 FACTOR = 2.0
@@ -118,7 +191,7 @@ _MOST_LAYERS = 48
 class Unlocking:
     """Classes of a tube by its number of layers."""
 
-    classes: dict[int, MechanismClass]
+    classes: dict[int, str]
     """Of the numbers of layers that were tried, ascending."""
     layers: int | None
     """The least number of layers with which the tube is not locked; None: none was found."""
@@ -133,21 +206,25 @@ class Unlocking:
 
     def as_json(self) -> dict[str, Any]:
         """Return plain data."""
-        classes = {str(layers): str(name) for layers, name in self.classes.items()}
-        return {"layers": self.layers, "classes": classes}
+        return {"layers": self.layers, "classes": {str(k): v for k, v in self.classes.items()}}
 
 
-def layers_to_unlock(case: Case) -> Unlocking:
+def layers_to_unlock(case: Case, store: Path) -> Unlocking:
     """Find the least number of layers with which a tube of rigid blocks is not locked.
 
     Doubled until it is not, then halved in between: a mechanism of some layers is taken to be one
-    of more layers too.
+    of more layers too. The store, a file of rows, keeps those that were tried.
     """
-    result: dict[int, MechanismClass] = {}
+    numbers = tuple(range(1, _MOST_LAYERS + 1))
+    study = SceneStudy(case.name, "rigid", (("assembly.layers", numbers),), case.keys)
+    rows, result = StudyRows(store, study), dict[int, str]()
 
     def locked(layers: int) -> bool:
-        result[layers] = solve(case.changed({"assembly.layers": layers})).details.mechanism
-        return result[layers] is MechanismClass.LOCKED
+        (row,) = computed(rows, runner_for(study), [layers - 1])
+        if row["status"] == "failed":
+            raise InputError(f"{case.name}: assembly.layers = {layers}: {row['message']}")
+        result[layers] = row["mechanism"]
+        return result[layers] == MechanismClass.LOCKED
 
     low, high = 0, 1
     while locked(high):
