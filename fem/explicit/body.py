@@ -8,8 +8,9 @@ share one stiffness. World vectors are R times these.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
@@ -30,6 +31,9 @@ from fem.system.effects import BulkViscosity
 from fem.system.forces import Amplitude, ForceRows
 from fem.system.time_step import characteristic_length
 from geometry.mesh import FloatArray, IntArray
+
+if TYPE_CHECKING:
+    from fem.explicit.state import BodyState
 
 
 @dataclass(frozen=True)
@@ -141,9 +145,9 @@ class HeldLanes:
         return self.ways @ np.array([*shares, 1.0])
 
 
-@dataclass(frozen=True)
+@dataclass
 class LaneBody:
-    """A body inside the explicit loop, its copies in lanes."""
+    """A body inside the explicit loop, its copies in lanes: constants, and what changes."""
 
     group: Body
     """The group as the user stated it."""
@@ -170,6 +174,8 @@ class LaneBody:
     """Gravity in the placement frames, (3, lanes) [mm/s²]."""
     viscosity: ElementViscosity | None
     """Bulk viscosity data."""
+    now: BodyState = field(init=False)
+    """What changes from step to step."""
 
     @cached_property
     def total_mass(self) -> float:

@@ -13,9 +13,8 @@ import numpy as np
 from fem.explicit.body import LaneBody
 from fem.explicit.kernels import add_at
 from fem.explicit.kernels.layout import LaneArray
-from fem.explicit.state import BodyState, Lanes, world_vectors
+from fem.explicit.state import Loop, world_vectors
 from fem.explicit.step import (
-    ExplicitSystem,
     damped_internal_force,
     gravity_at,
     load_factor,
@@ -45,28 +44,28 @@ class Residual:
         return self.unbalanced / self.reference
 
 
-def applied_forces(body: LaneBody, now: BodyState) -> FloatArray:
+def applied_forces(body: LaneBody) -> FloatArray:
     """Loads and contact on all rows, (n_rows, 3, lanes) [N], without gravity."""
-    force = np.zeros((body.n_rows, 3, body.lanes))
-    if body.applied_row is not None and now.applied_force is not None:
+    force, applied = np.zeros((body.n_rows, 3, body.lanes)), body.now.applied_force
+    if body.applied_row is not None and applied is not None:
         touched = body.applied_row >= 0
-        force[touched] = now.applied_force[body.applied_row[touched]]
+        force[touched] = applied[body.applied_row[touched]]
     return force
 
 
-def load_forces(body: LaneBody, now: BodyState, time: float) -> FloatArray:
+def load_forces(body: LaneBody, time: float) -> FloatArray:
     """Loads alone, (n_rows, 3, lanes) [N]."""
     force = np.zeros((body.n_rows, 3, body.lanes))
     flat = force.ravel()
     for load in body.loads:
-        values, factor = load_values(load, now), load_factor(load, time)
+        values, factor = load_values(load, body.now), load_factor(load, time)
         add_at(flat, load.velocity.start, load.velocity.pointer, values, factor)
     return force
 
 
-def gravity_forces(system: ExplicitSystem, body: LaneBody, time: float) -> FloatArray | float:
+def gravity_forces(loop: Loop, body: LaneBody, time: float) -> FloatArray | float:
     """Weight of the rows at a time, (n_rows, 3, lanes) [N]."""
-    falling = None if body.acceleration is None else gravity_at(system, body, time)
+    falling = None if body.acceleration is None else gravity_at(loop, body, time)
     if falling is None:
         return 0.0
     return body.mass[:, None, None] * falling
@@ -90,21 +89,21 @@ def free_part(body: LaneBody, force: FloatArray) -> FloatArray:
     return free
 
 
-def residual(system: ExplicitSystem, state: Lanes) -> Residual:
+def residual(loop: Loop) -> Residual:
     """Force residual at the time of the last forces (the beginning of the last step)."""
-    time = (state.step - 1) * system.time_step
+    time = (loop.step - 1) * loop.time_step
     unbalanced = loads = internal = 0.0
-    for body, now in zip(system.bodies, state.bodies, strict=True):
-        weight = gravity_forces(system, body, time)
-        inner = damped_internal_force(system, body, now)
-        total = applied_forces(body, now) + weight - inner
+    for body in loop.bodies:
+        weight = gravity_forces(loop, body, time)
+        inner = damped_internal_force(loop, body)
+        total = applied_forces(body) + weight - inner
         unbalanced += _square(free_part(body, total))
-        loads += _square(load_forces(body, now, time) + weight)
+        loads += _square(load_forces(body, time) + weight)
         internal += _square(inner)
     return Residual(math.sqrt(unbalanced), math.sqrt(loads or internal))
 
 
-def round_off(system: ExplicitSystem, state: Lanes) -> float:
+def round_off(loop: Loop) -> float:
     """Estimate the force residual that round-off leaves, relative to the loads.
 
     Every product k_ij u_j of the internal force is off by the last digit of u_j, independently
@@ -112,69 +111,70 @@ def round_off(system: ExplicitSystem, state: Lanes) -> float:
     strain. Displacements are taken from the placement, frames of turning blocks save some.
     """
     square = 0.0
-    for body, now in zip(system.bodies, state.bodies, strict=True):
+    for body in loop.bodies:
         squares = body.group.stiffness.copy()
         squares.data **= 2
         local = np.einsum(
-            "cni,cij->cnj", world_vectors(body, now.displacement), body.group.rotations
+            "cni,cij->cnj", world_vectors(body, body.now.displacement), body.group.rotations
         )
         products = squares @ (local.reshape(len(local), -1) ** 2).T
         square += float(np.finfo(np.float64).eps) ** 2 * float(products.sum())
-    return Residual(math.sqrt(square), residual(system, state).reference).relative
+    return Residual(math.sqrt(square), residual(loop).reference).relative
 
 
 def _square(array: FloatArray | LaneArray) -> float:
     return float(np.vdot(array, array))
 
 
-def settling(system: ExplicitSystem, state: Lanes) -> float | None:
+def settling(loop: Loop) -> float | None:
     """Way still to go over the way gone, ‖v‖ / (ω ‖u‖) in the norm of the masses [-].
 
     A critically damped motion of frequency ω ends about v/ω from where it is. ω is half the
     adaptive mass damping; None without one, or while nothing has moved.
     """
-    adaptive = system.stated.effects.adaptive_mass_damping
-    if adaptive is None or not state.mass_damping:
+    adaptive = loop.stated.effects.adaptive_mass_damping
+    if adaptive is None or not loop.mass_damping:
         return None
     moved = speed = 0.0
-    for body, now in zip(system.bodies, state.bodies, strict=True):
+    for body in loop.bodies:
+        now = body.now
         moved += float(np.einsum("n,njk,njk->", body.mass, now.displacement, now.displacement))
         speed += float(np.einsum("n,njk,njk->", body.mass, now.velocity, now.velocity))
     if moved == 0.0:
         return None
-    frequency = state.mass_damping / (2.0 * adaptive.fraction(system.time(state)))
+    frequency = loop.mass_damping / (2.0 * adaptive.fraction(loop.time))
     return math.sqrt(speed / moved) / frequency
 
 
-def restoring_forces(
-    system: ExplicitSystem, body: LaneBody, now: BodyState, time: float
-) -> FloatArray:
+def restoring_forces(loop: Loop, body: LaneBody, time: float) -> FloatArray:
     """Internal minus contact forces, free components, (n_rows, 3, lanes) [N]."""
-    contact = applied_forces(body, now) - load_forces(body, now, time)
-    return free_part(body, damped_internal_force(system, body, now) - contact)
+    contact = applied_forces(body) - load_forces(body, time)
+    return free_part(body, damped_internal_force(loop, body) - contact)
 
 
-def remember(system: ExplicitSystem, state: Lanes) -> None:
+def remember(loop: Loop) -> None:
     """Keep displacements and restoring forces for the next estimate."""
-    time = (state.step - 1) * system.time_step
-    for body, now in zip(system.bodies, state.bodies, strict=True):
+    time = (loop.step - 1) * loop.time_step
+    for body in loop.bodies:
+        now = body.now
         assert now.remembered is not None
-        now.remembered[0] = now.displacement - system.time_step * now.velocity
-        now.remembered[1] = restoring_forces(system, body, now, time)
+        now.remembered[0] = now.displacement - loop.time_step * now.velocity
+        now.remembered[1] = restoring_forces(loop, body, time)
 
 
-def active_frequency(system: ExplicitSystem, state: Lanes) -> float | None:
+def active_frequency(loop: Loop) -> float | None:
     """Frequency of the present motion by the Rayleigh quotient [rad/s].
 
     ω² = Δu · Δf / Δu · M Δu with the changes of displacement and restoring force since
     `remember`; None while nothing moves or the quotient is not positive.
     """
-    time = (state.step - 1) * system.time_step
+    time = (loop.step - 1) * loop.time_step
     stiffness = inertia = 0.0
-    for body, now in zip(system.bodies, state.bodies, strict=True):
+    for body in loop.bodies:
+        now = body.now
         assert now.remembered is not None
-        moved = now.displacement - system.time_step * now.velocity - now.remembered[0]
-        change = restoring_forces(system, body, now, time) - now.remembered[1]
+        moved = now.displacement - loop.time_step * now.velocity - now.remembered[0]
+        change = restoring_forces(loop, body, time) - now.remembered[1]
         stiffness += float(np.vdot(moved, change))
         inertia += float(np.einsum("n,njk,njk->", body.mass, moved, moved))
     if not (stiffness > 0.0 and inertia > 0.0):
@@ -182,10 +182,10 @@ def active_frequency(system: ExplicitSystem, state: Lanes) -> float | None:
     return math.sqrt(stiffness / inertia)
 
 
-def adapt(system: ExplicitSystem, state: Lanes, effect: AdaptiveMassDamping) -> None:
+def adapt(loop: Loop, effect: AdaptiveMassDamping) -> None:
     """Set mass damping to critical damping of the active frequency, at most `CAP` / Δt."""
-    frequency = active_frequency(system, state)
+    frequency = active_frequency(loop)
     if frequency is not None:
-        wanted = 2.0 * effect.fraction(system.time(state)) * frequency
-        state.mass_damping = min(wanted, CAP / system.time_step)
-    remember(system, state)
+        wanted = 2.0 * effect.fraction(loop.time) * frequency
+        loop.mass_damping = min(wanted, CAP / loop.time_step)
+    remember(loop)

@@ -10,11 +10,9 @@ from enum import StrEnum
 from pathlib import Path
 from typing import Any
 
-import numba
 import numpy as np
 
 from fem.contact.search import SearchedPoints
-from fem.explicit.body import LaneBody, make_body
 from fem.explicit.damping import (
     adapt,
     applied_forces,
@@ -25,8 +23,6 @@ from fem.explicit.damping import (
     round_off,
     settling,
 )
-from fem.explicit.kernels import PARALLEL, SERIAL
-from fem.explicit.kernels.layout import LaneArray
 from fem.explicit.output.checkpoint import (
     StopRequest,
     read_checkpoint,
@@ -36,16 +32,9 @@ from fem.explicit.output.checkpoint import (
 )
 from fem.explicit.output.energy import Energies, History, copy_energies, energies
 from fem.explicit.output.support_forces import forces_of_supports
-from fem.explicit.state import BodyState, Lanes, initial_body_state, world_vectors
-from fem.explicit.step import (
-    ExplicitSystem,
-    damped_internal_force,
-    gravity_at,
-    placed_internal_force,
-    set_applied_force,
-    set_internal_force,
-    step,
-)
+from fem.explicit.start import prepare
+from fem.explicit.state import Loop, world_vectors
+from fem.explicit.step import damped_internal_force, step
 from fem.explicit.timed import TimedSystem
 from fem.system.body import Body
 from fem.system.effects import LEAST_FACTOR, SAFETY_FACTOR
@@ -215,103 +204,6 @@ class Run:
         return self.element_updates / max(self.cpu_seconds, 1e-12)
 
 
-def prepare(stated: TimedSystem, *, time_step: float, threads: int = 1) -> ExplicitSystem:
-    """Make a timed system ready for the loop with a time step [s].
-
-    With one thread in the serial loops, with more in shared rows.
-    """
-    if threads < 1:
-        raise TimeStepError(f"threads: got {threads}, expected at least 1")
-    if threads > 1:
-        numba.set_num_threads(min(threads, numba.config.NUMBA_NUM_THREADS))
-    bodies = tuple(
-        make_body(stated, k, touched_nodes=[i.touched_nodes(k) for i in stated.interactions])
-        for k in range(len(stated.bodies))
-    )
-    kernels = SERIAL if threads == 1 else PARALLEL
-    interactions = tuple(i.bind(bodies) for i in stated.interactions)
-    return ExplicitSystem(stated, bodies, time_step, kernels, interactions)
-
-
-def initial_state(
-    system: ExplicitSystem,
-    *,
-    displacements: Sequence[FloatArray] | None = None,
-    velocities: Sequence[FloatArray] | None = None,
-) -> Lanes:
-    """State at time 0 with the velocity half a step earlier, v_{-½} = v_0 - ½ Δt a_0.
-
-    Parameters
-    ----------
-    system
-        What is computed.
-    displacements, velocities
-        One array for each group, world axes, (n_copies, n_nodes, 3); None: at rest.
-    """
-    effects = system.stated.effects
-    n = len(system.bodies)
-    u = [None] * n if displacements is None else list(displacements)
-    v = [None] * n if velocities is None else list(velocities)
-    state = Lanes(
-        bodies=tuple(
-            initial_body_state(body, effects, u[k], v[k]) for k, body in enumerate(system.bodies)
-        ),
-        mass_damping=0.0 if effects.adaptive_mass_damping is not None else effects.mass_damping,
-    )
-    for body, now in zip(system.bodies, state.bodies, strict=True):
-        set_internal_force(system, body, now, sample=False)
-        if now.viscous is not None or now.stiffness_damping is not None:
-            # What dampers keep is the start now: its whole strain is not one step's rate.
-            set_internal_force(system, body, now, sample=False)
-        forget_rates(now)
-        set_applied_force(system, body, now, 0.0)
-    for interaction in system.interactions:
-        interaction.add_force(system, state)
-    for body, now in zip(system.bodies, state.bodies, strict=True):
-        falling = None if body.acceleration is None else gravity_at(system, body, 0.0)
-        start = acceleration(body, now, state.mass_damping, falling)
-        now.velocity -= 0.5 * system.time_step * start
-        _stop_supported(body, now)
-    return state
-
-
-def forget_rates(now: BodyState) -> None:
-    """Start rates from zero: no step came before the first evaluation, and nothing is lost yet."""
-    if now.elastic_before is not None:
-        now.elastic_before.force[:] = now.internal_force
-    for damper in (now.stiffness_damping, now.viscous):
-        if damper is not None:
-            damper.dissipated[:] = 0.0
-
-
-def acceleration(
-    body: LaneBody, now: BodyState, mass_damping: float | None, falling: LaneArray | None
-) -> FloatArray:
-    """Accelerations of the forces that the state holds, placement frame, (n_rows, 3, lanes)."""
-    inner = placed_internal_force(body, now)
-    force = applied_forces(body, now) - inner
-    result: FloatArray = force / body.mass[:, None, None]
-    if falling is not None:
-        result += falling
-    if mass_damping is not None:
-        result -= mass_damping * now.velocity
-    return result
-
-
-def _stop_supported(body: LaneBody, now: BodyState) -> None:
-    """Remove the supported components of the first velocity: supports start from rest."""
-    flat = now.velocity.ravel()
-    held = body.held
-    if held is None:
-        return
-    flat[held.still.index] = 0.0
-    now.displacement.ravel()[held.still.index] = 0.0
-    index = held.base[:, None] + body.lanes * np.arange(3)
-    for k in range(len(index)):
-        n = held.direction[k]
-        flat[index[k]] -= n * (n @ flat[index[k]])
-
-
 def choose_time_step(
     critical: CriticalTimeStep, time_step: float | None, safety_factor: float
 ) -> float:
@@ -427,12 +319,12 @@ def run_explicit(
         raise TimeStepError(f"sample_interval: got {sample_interval}, expected at least 1")
     critical = stated.critical
     dt = choose_time_step(critical, time_step, safety_factor)
-    system = prepare(stated, time_step=dt, threads=threads)
-    state = initial_state(system, displacements=displacements, velocities=velocities)
-    history = History() if resume is None else read_checkpoint(resume, system, state)
-    run = _Loop(
-        system=system,
-        state=state,
+    loop = prepare(
+        stated, time_step=dt, threads=threads, displacements=displacements, velocities=velocities
+    )
+    history = History() if resume is None else read_checkpoint(resume, loop)
+    run = _Course(
+        loop=loop,
         history=history,
         output=output or Output(),
         stop=stop,
@@ -443,22 +335,21 @@ def run_explicit(
         ends=clock.process_time() + max_seconds,
         moving=moving_supports(stated.system),
     )
-    first = run.counted = state.step
+    first = run.counted = loop.step
     started = clock.process_time()
     with stop_requests() as request, compiling() as compiled, budget() as run.spent:
-        status = run.loop(request)
+        status = run.steps(request)
     cpu = clock.process_time() - started - compiled.cpu_seconds
-    result = _result(run, critical, status, cpu, state.step - first)
+    result = _result(run, critical, status, cpu, loop.step - first)
     _refuse_imbalance(result)
     return replace(result, compile_seconds=compiled.cpu_seconds)
 
 
 @dataclass
-class _Loop:
-    """The loop around the step: samples, watchdog, frames, checkpoints."""
+class _Course:
+    """What is around the steps: samples, watchdog, frames, checkpoints."""
 
-    system: ExplicitSystem
-    state: Lanes
+    loop: Loop
     history: History
     output: Output
     stop: StopCriterion | None
@@ -483,18 +374,18 @@ class _Loop:
     """Supports that move."""
     last_checkpoint: float = field(default_factory=clock.monotonic)
 
-    def loop(self, request: StopRequest) -> Status:
-        system, state = self.system, self.state
-        adaptive = system.stated.effects.adaptive_mass_damping
+    def steps(self, request: StopRequest) -> Status:
+        loop = self.loop
+        adaptive = loop.stated.effects.adaptive_mass_damping
         status = Status.FINISHED
         self.frame()
-        while state.step < self.n_steps and status is Status.FINISHED:
+        while loop.step < self.n_steps and status is Status.FINISHED:
             sample = self.sample_due()
-            step(system, state, sample=sample)
+            step(loop, sample=sample)
             if sample:
                 status = self.sample()
-            if adaptive is not None and state.step % adaptive.interval == 0:
-                adapt(system, state, adaptive)
+            if adaptive is not None and loop.step % adaptive.interval == 0:
+                adapt(loop, adaptive)
             if sample and status is Status.FINISHED and self.at_limit():
                 status = Status.STOPPED
             if request.requested:
@@ -505,36 +396,36 @@ class _Loop:
 
     def at_limit(self) -> bool:
         """Count the steps since the last call; whether a limit is reached before the end."""
-        steps, self.counted = self.state.step - self.counted, self.state.step
-        count(Operation.STEP, float(steps * self.system.stated.n_elements))
-        count(Operation.TOUCH, steps * sum(i.touched_points() for i in self.system.interactions))
+        steps, self.counted = self.loop.step - self.counted, self.loop.step
+        count(Operation.STEP, float(steps * self.loop.stated.n_elements))
+        count(Operation.TOUCH, steps * sum(i.touched_points() for i in self.loop.interactions))
         late = clock.process_time() >= self.ends
-        if self.state.step == self.n_steps or not (late or self.spent.seconds >= self.max_work):
+        if self.loop.step == self.n_steps or not (late or self.spent.seconds >= self.max_work):
             return False
         self.spent.mark("work" if self.spent.seconds >= self.max_work else "clock")
         return True
 
     def sample_due(self) -> bool:
         """Whether the coming step is sampled: regularly, at the end, and before each frame."""
-        number = self.state.step
+        number = self.loop.step
         regular = number % self.sample_interval == 0 or number == self.n_steps - 1
         return regular or self.frame_due(number + 1)
 
     def sample(self) -> Status:
         """Energies at the beginning of the step just done; whether the run has arrived."""
-        system, state = self.system, self.state
-        number = state.step - 1
-        time = number * system.time_step
-        self.energies = energies(system, state)
+        loop = self.loop
+        number = loop.step - 1
+        time = number * loop.time_step
+        self.energies = energies(loop)
         if self.moving:
-            forces = system.stated.expand(forces_of_supports(system, state, time))
+            forces = loop.stated.expand(forces_of_supports(loop, time))
             self.history.pushes.append((time, *(each.force(forces) for each in self.moving)))
         self.history.observe(self.energies)
-        watch(system, state, self.history)
+        watch(loop, self.history)
         if self.stop is not None:
-            self.residual = residual(system, state).relative
-            self.settling = settling(system, state)
-        damping = 0.0 if state.mass_damping is None else state.mass_damping
+            self.residual = residual(loop).relative
+            self.settling = settling(loop)
+        damping = loop.mass_damping or 0.0
         shown = math.nan if self.residual is None else self.residual
         self.history.append(time, number, self.energies, damping, shown)
         if self.output.progress is not None:
@@ -560,12 +451,12 @@ class _Loop:
         if self.still < _STILL_SAMPLES or self.least_residual <= self.stop.residual:
             return False
         self.still = 0
-        self.round_off = round_off(self.system, self.state)
+        self.round_off = round_off(self.loop)
         return self.least_residual <= _ROUND_OFF_FACTOR * self.round_off
 
     def frame_number(self, number: int) -> int:
         """Number of the frame interval that the time of step ``number`` lies in."""
-        return int(number * self.system.time_step / self.output.frame_interval * (1.0 + 1e-12))
+        return int(number * self.loop.time_step / self.output.frame_interval * (1.0 + 1e-12))
 
     def frame_due(self, number: int) -> bool:
         """Whether a frame is due at step ``number``."""
@@ -577,15 +468,15 @@ class _Loop:
 
     def frame(self, *, ended: bool = False) -> None:
         """Pass the displacements on when a frame is due, and where the run ended."""
-        state = self.state
-        ended = ended or state.step == self.n_steps
-        if self.output.on_frame is None or not (ended or self.frame_due(state.step)):
+        loop = self.loop
+        ended = ended or loop.step == self.n_steps
+        if self.output.on_frame is None or not (ended or self.frame_due(loop.step)):
             return
-        fields = displacements_of(self.system, state)
+        fields = displacements_of(loop)
         # The end comes after all that were due before, where it lies between two of them.
-        number = self.frame_number(state.step - 1) + 1 if ended else self.frame_number(state.step)
-        groups = self.system.stated.bodies
-        self.output.on_frame(Frame(number, self.system.time(state), groups, fields, last=ended))
+        number = self.frame_number(loop.step - 1) + 1 if ended else self.frame_number(loop.step)
+        groups = loop.stated.bodies
+        self.output.on_frame(Frame(number, loop.time, groups, fields, last=ended))
 
     def checkpoint(self, *, force: bool) -> None:
         """Write the checkpoint when it is time."""
@@ -594,23 +485,23 @@ class _Loop:
             return
         now = clock.monotonic()
         if force or now - self.last_checkpoint >= self.output.checkpoint_seconds:
-            write_checkpoint(path, self.system, self.state, self.history)
+            write_checkpoint(path, self.loop, self.history)
             self.last_checkpoint = now
 
 
-def displacements_of(system: ExplicitSystem, state: Lanes) -> tuple[FloatArray, ...]:
+def displacements_of(loop: Loop) -> tuple[FloatArray, ...]:
     """Displacements of each group in world axes, (n_copies, n_nodes, 3) [mm]."""
-    pairs = zip(system.bodies, state.bodies, strict=True)
-    return tuple(world_vectors(body, now.displacement) for body, now in pairs)
+    return tuple(world_vectors(body, body.now.displacement) for body in loop.bodies)
 
 
-def _result(run: _Loop, critical: CriticalTimeStep, status: Status, cpu: float, steps: int) -> Run:
-    system, state = run.system, run.state
-    pairs = list(zip(system.bodies, state.bodies, strict=True))
+def _result(
+    run: _Course, critical: CriticalTimeStep, status: Status, cpu: float, steps: int
+) -> Run:
+    loop = run.loop
     return Run(
-        stated=system.stated,
+        stated=loop.stated,
         status=status,
-        time_step=system.time_step,
+        time_step=loop.time_step,
         critical=critical,
         history=run.history,
         energies=run.energies,
@@ -618,14 +509,14 @@ def _result(run: _Loop, critical: CriticalTimeStep, status: Status, cpu: float, 
         settling=run.settling,
         round_off=run.round_off if status is Status.STALLED else None,
         cpu_seconds=cpu,
-        element_updates=system.stated.n_elements * steps,
-        state_bytes=sum(a.nbytes for a in state_arrays(system, state).values()),
-        constant_bytes=sum(body.constant_bytes for body in system.bodies),
-        displacements=displacements_of(system, state),
-        velocities=tuple(world_vectors(body, now.velocity) for body, now in pairs),
-        time=system.time(state),
-        n_steps=state.step,
-        **_forces_at_end(system, state),
+        element_updates=loop.stated.n_elements * steps,
+        state_bytes=sum(a.nbytes for a in state_arrays(loop).values()),
+        constant_bytes=sum(body.constant_bytes for body in loop.bodies),
+        displacements=displacements_of(loop),
+        velocities=tuple(world_vectors(body, body.now.velocity) for body in loop.bodies),
+        time=loop.time,
+        n_steps=loop.step,
+        **_forces_at_end(loop),
         pushed=_curves(run.moving, run.history.pushes),
     )
 
@@ -668,46 +559,46 @@ def _round_off_energy(result: Run) -> float:
     return total
 
 
-def _forces_at_end(system: ExplicitSystem, state: Lanes) -> dict[str, Any]:
-    """Forces of the displacements that a state has, from the step that they begin."""
-    time, before = system.time(state), [now.velocity.copy() for now in state.bodies]
-    step(system, state)
+def _forces_at_end(loop: Loop) -> dict[str, Any]:
+    """Forces of the displacements that a loop has, from the step that they begin."""
+    time, before = loop.time, [body.now.velocity.copy() for body in loop.bodies]
+    step(loop)
     contact, supports = [], []
-    for body, now, velocity in zip(system.bodies, state.bodies, before, strict=True):
-        change, mean = now.velocity - velocity, 0.5 * (now.velocity + velocity)
-        inertia = change / system.time_step + (state.mass_damping or 0.0) * mean
+    for body, velocity in zip(loop.bodies, before, strict=True):
+        change, mean = body.now.velocity - velocity, 0.5 * (body.now.velocity + velocity)
+        inertia = change / loop.time_step + (loop.mass_damping or 0.0) * mean
         inner = body.mass[:, None, None] * inertia
-        inner += damped_internal_force(system, body, now)
-        inner -= gravity_forces(system, body, time)
-        unbalanced = inner - applied_forces(body, now)
+        inner += damped_internal_force(loop, body)
+        inner -= gravity_forces(loop, body, time)
+        unbalanced = inner - applied_forces(body)
         held = unbalanced - free_part(body, unbalanced)
         supports.append(world_vectors(body, held))
-        contact.append(world_vectors(body, inner - load_forces(body, now, time) - held))
-    touching = [i.contact() for i in system.interactions]
+        contact.append(world_vectors(body, inner - load_forces(body, time) - held))
+    touching = [i.contact() for i in loop.interactions]
     searched, slips = touching[0] if touching else (None, None)
     return {
-        "support_forces": tuple(supports) if len(system.stated.system.supports.row) else (),
+        "support_forces": tuple(supports) if len(loop.stated.system.supports.row) else (),
         "contact_forces": tuple(contact),
         "searched": searched,
         "slips": slips,
     }
 
 
-def watch(system: ExplicitSystem, state: Lanes, history: History) -> None:
+def watch(loop: Loop, history: History) -> None:
     """Stop a run whose energy is not finite or far beyond what was put in."""
-    for interaction in system.interactions:
-        fault = interaction.fault(system)
+    for interaction in loop.interactions:
+        fault = interaction.fault(loop)
         if fault is not None:
-            raise UnstableRun(f"t = {system.time(state):.6g} s (step {state.step}): {fault}")
+            raise UnstableRun(f"t = {loop.time:.6g} s (step {loop.step}): {fault}")
     put_in = history.put_in
-    for body, now in zip(system.bodies, state.bodies, strict=True):
-        energy = copy_energies(now)[: body.n_copies]
+    for body in loop.bodies:
+        energy = copy_energies(body.now)[: body.n_copies]
         bad = ~(energy <= RUNAWAY * put_in) if put_in > 0.0 else ~np.isfinite(energy)
         if bad.any():
             copy = int(np.flatnonzero(bad)[0])
             raise UnstableRun(
-                f"unstable at t = {system.time(state):.6g} s (step {state.step}): the energy of "
+                f"unstable at t = {loop.time:.6g} s (step {loop.step}): the energy of "
                 f"{body.group.name}[{copy}] is {energy[copy]:.3g} N mm, the external work "
                 f"{put_in:.3g} N mm; take a smaller `safety_factor` (time step "
-                f"{system.time_step:.4g} s)"
+                f"{loop.time_step:.4g} s)"
             )

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from dataclasses import dataclass, field
 
 import numpy as np
 
+from fem.contact.search import SearchedPoints
 from fem.explicit.block_frame import BlockFrame, block_frame, start_frames
 from fem.explicit.body import LaneBody
+from fem.explicit.kernels import KernelSet
 from fem.explicit.kernels.layout import LaneArray, aligned_zeros, from_lanes, to_lanes
+from fem.explicit.timed import TimedSystem
 from fem.system.effects import Effects
 from geometry.errors import RefusedError
 from geometry.mesh import FloatArray
@@ -134,16 +138,64 @@ class BodyState:
         return self.displacement if self.frame is None else self.frame.local
 
 
-@dataclass
-class Lanes:
-    """All that changes in a run; ``step`` counts steps done."""
+class Interaction(ABC):
+    """Forces between blocks (contact), one more term of the step; may hold work arrays of its own.
 
-    bodies: tuple[BodyState, ...]
-    """One for each group."""
+    Made by `fem.system.time_step.InteractionModel.bind`.
+    """
+
+    @abstractmethod
+    def add_force(self, loop: Loop) -> None:
+        """Add forces of the current positions to the applied forces of the bodies."""
+
+    def touched_points(self) -> float:
+        """Points of contact, counted as `geometry.machine.work.Operation.TOUCH`."""
+        return 0.0
+
+    def energy(self) -> float:
+        """Energy stored at the last force evaluation [N mm]."""
+        return 0.0
+
+    def dissipation(self) -> float:
+        """Energy dissipated up to the last force evaluation [N mm]."""
+        return 0.0
+
+    def contact(self) -> tuple[SearchedPoints | None, FloatArray | None]:
+        """Points that a search found, and elastic slips, of the last force evaluation; or None."""
+        return None, None
+
+    def fault(self, loop: Loop) -> str | None:  # noqa: ARG002 - most have none
+        """What makes the run unstable and what to do, where the time step is too large; or None."""
+        return None
+
+    def arrays(self) -> dict[str, LaneArray]:
+        """Arrays that evolve and must be in a checkpoint, by name; written in place."""
+        return {}
+
+
+@dataclass
+class Loop:
+    """What is stepped: constants, the arrays that change, and where they are in time."""
+
+    stated: TimedSystem
+    """What is computed."""
+    bodies: tuple[LaneBody, ...]
+    """Its groups in lanes, each with its state."""
+    time_step: float
+    """[s]"""
+    kernels: KernelSet
+    """Serial or parallel loops."""
+    interactions: tuple[Interaction, ...] = ()
+    """Contact; empty when blocks do not meet."""
     step: int = 0
     """Steps done."""
     mass_damping: float | None = None
     """Current mass-proportional coefficient [1/s]."""
+
+    @property
+    def time(self) -> float:
+        """Time of the displacements [s]."""
+        return self.step * self.time_step
 
 
 def initial_body_state(

@@ -9,13 +9,10 @@
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from fem.contact.search import SearchedPoints
 from fem.explicit import block_frame
 from fem.explicit.body import BodyLoad, LaneBody
 from fem.explicit.kernels import (
@@ -29,104 +26,48 @@ from fem.explicit.kernels import (
     widths,
 )
 from fem.explicit.kernels.layout import LaneArray
-from fem.explicit.state import BodyState, Lanes
-from fem.explicit.timed import TimedSystem
+from fem.explicit.state import BodyState, Loop
 from geometry.mesh import FloatArray
 
 
-class Interaction(ABC):
-    """Forces between blocks (contact), one more term of the step; may hold work arrays of its own.
-
-    Made by `fem.system.time_step.InteractionModel.bind`.
-    """
-
-    @abstractmethod
-    def add_force(self, system: ExplicitSystem, state: Lanes) -> None:
-        """Add forces of the current positions to the applied forces of the bodies."""
-
-    def touched_points(self) -> float:
-        """Points of contact, counted as `geometry.machine.work.Operation.TOUCH`."""
-        return 0.0
-
-    def energy(self) -> float:
-        """Energy stored at the last force evaluation [N mm]."""
-        return 0.0
-
-    def dissipation(self) -> float:
-        """Energy dissipated up to the last force evaluation [N mm]."""
-        return 0.0
-
-    def contact(self) -> tuple[SearchedPoints | None, FloatArray | None]:
-        """Points that a search found, and elastic slips, of the last force evaluation; or None."""
-        return None, None
-
-    def fault(self, system: ExplicitSystem) -> str | None:  # noqa: ARG002 - most have none
-        """What makes the run unstable and what to do, where the time step is too large; or None."""
-        return None
-
-    def arrays(self) -> dict[str, LaneArray]:
-        """Arrays that evolve and must be in a checkpoint, by name; written in place."""
-        return {}
-
-
-@dataclass(frozen=True)
-class ExplicitSystem:
-    """A timed system made ready for the loop."""
-
-    stated: TimedSystem
-    """What is computed."""
-    bodies: tuple[LaneBody, ...]
-    """Its groups in lanes."""
-    time_step: float
-    """[s]"""
-    kernels: KernelSet
-    """Serial or parallel loops."""
-    interactions: tuple[Interaction, ...] = ()
-    """Contact; empty when blocks do not meet."""
-
-    def time(self, state: Lanes) -> float:
-        """Time of the displacements of a state [s]."""
-        return state.step * self.time_step
-
-
-def step(system: ExplicitSystem, state: Lanes, *, sample: bool = False) -> None:
+def step(loop: Loop, *, sample: bool = False) -> None:
     """Advance by one time step.
 
     With ``sample`` the energies at the time of the forces (the beginning of the step) are left
     in the state, for `fem.explicit.output.energy.energies`.
     """
-    for body, now in zip(system.bodies, state.bodies, strict=True):
-        set_internal_force(system, body, now, sample=sample)
-        if now.applied_force is not None:
-            set_applied_force(system, body, now, system.time(state))
-    for interaction in system.interactions:
-        interaction.add_force(system, state)
-    for body, now in zip(system.bodies, state.bodies, strict=True):
-        time = system.time(state)
-        falling = None if body.acceleration is None else gravity_at(system, body, time)
+    time = loop.time
+    for body in loop.bodies:
+        set_internal_force(loop, body, sample=sample)
+        if body.now.applied_force is not None:
+            set_applied_force(loop, body, time)
+    for interaction in loop.interactions:
+        interaction.add_force(loop)
+    for body in loop.bodies:
+        now = body.now
+        falling = None if body.acceleration is None else gravity_at(loop, body, time)
         ramped = None if now.momentum is None else falling
         before = after = 0.0
         if body.loads:
-            before = load_power(body, now, time)
+            before = load_power(body, time)
         if ramped is not None:
-            before += ramped_gravity_power(body, now, ramped)
-        advance(system, body, now, state.mass_damping, falling, sample=sample)
+            before += ramped_gravity_power(body, ramped)
+        advance(loop, body, falling, sample=sample)
         if body.held is not None:
-            enforce_support(system, body, now, state)
+            enforce_support(loop, body)
         if body.loads:
-            after = load_power(body, now, time, moved=True)
+            after = load_power(body, time, moved=True)
         if ramped is not None:
-            after += ramped_gravity_power(body, now, ramped, moved=True)
-        half = 0.5 * system.time_step
+            after += ramped_gravity_power(body, ramped, moved=True)
+        half = 0.5 * loop.time_step
         now.external_work.add(half * before, half * after)
-    state.step += 1
+    loop.step += 1
 
 
-def set_internal_force(
-    system: ExplicitSystem, body: LaneBody, now: BodyState, *, sample: bool
-) -> None:
+def set_internal_force(loop: Loop, body: LaneBody, *, sample: bool) -> None:
     """Stress divergence f = K u in the block frame, with the viscous terms that act on it."""
-    frame, kernels = now.frame, system.kernels
+    now, kernels = body.now, loop.kernels
+    frame = now.frame
     if frame is not None:
         block_frame.fit(body, frame, now.displacement, kernels)
     if now.elastic_before is not None:
@@ -139,9 +80,9 @@ def set_internal_force(
         dot_lanes(displacement, now.internal_force, now.strain_energy)
         now.strain_energy *= 0.5
     if now.stiffness_damping is not None:
-        add_stiffness_damping(system, body, now)
+        add_stiffness_damping(loop, body)
     if now.viscous is not None:
-        add_bulk_viscosity(system, body, now, displacement, torque)
+        add_bulk_viscosity(loop, body, displacement, torque)
     if frame is not None:
         frame.set_spin()
 
@@ -164,18 +105,19 @@ def stiffness_force(
     )
 
 
-def add_stiffness_damping(system: ExplicitSystem, body: LaneBody, now: BodyState) -> None:
+def add_stiffness_damping(loop: Loop, body: LaneBody) -> None:
     """F += β K v in the block frame, as (β/Δt)(K u_n - K u_{n-1})."""
+    now = body.now
     damping, frame = now.stiffness_damping, now.frame
-    coefficient = system.stated.effects.stiffness_damping
+    coefficient = loop.stated.effects.stiffness_damping
     assert damping is not None
     assert coefficient is not None
     moving = now.velocity if frame is None else frame.increment
     assert moving is not None
-    system.kernels.add_stiffness_damping(
+    loop.kernels.add_stiffness_damping(
         body.lanes,
         body.rows.chunks,
-        coefficient / system.time_step,
+        coefficient / loop.time_step,
         now.local_displacement.ravel(),
         moving.ravel(),
         damping.elastic.ravel(),
@@ -186,69 +128,68 @@ def add_stiffness_damping(system: ExplicitSystem, body: LaneBody, now: BodyState
     )
 
 
-def damping_ratio(system: ExplicitSystem, now: BodyState) -> Any:
+def damping_ratio(loop: Loop, now: BodyState) -> Any:
     """β/Δt where `update` makes the damping force; or None."""
     if now.elastic_before is None:
         return None
-    coefficient = system.stated.effects.stiffness_damping
+    coefficient = loop.stated.effects.stiffness_damping
     assert coefficient is not None
-    return coefficient / system.time_step
+    return coefficient / loop.time_step
 
 
-def placed_internal_force(body: LaneBody, now: BodyState) -> LaneArray:
+def placed_internal_force(body: LaneBody) -> LaneArray:
     """Internal force of the last step in the placement axes, (n_rows, 3, lanes) [N]."""
+    now = body.now
     if now.frame is None:
         return now.internal_force
     return block_frame.placed_force(body, now.frame, now.internal_force)
 
 
-def damped_internal_force(system: ExplicitSystem, body: LaneBody, now: BodyState) -> LaneArray:
+def damped_internal_force(loop: Loop, body: LaneBody) -> LaneArray:
     """Return the same with all viscous terms, (n_rows, 3, lanes) [N]."""
+    now = body.now
     if now.elastic_before is None:
-        return placed_internal_force(body, now)
+        return placed_internal_force(body)
     change = now.internal_force - now.elastic_before.force
-    return now.internal_force + damping_ratio(system, now) * change
+    return now.internal_force + damping_ratio(loop, now) * change
 
 
 def add_bulk_viscosity(
-    system: ExplicitSystem,
-    body: LaneBody,
-    now: BodyState,
-    displacement: LaneArray,
-    torque: LaneArray | None,
+    loop: Loop, body: LaneBody, displacement: LaneArray, torque: LaneArray | None
 ) -> None:
     """F += Bᵀ q (see `fem.explicit.body`)."""
-    data, viscous = body.viscosity, now.viscous
+    data, viscous = body.viscosity, body.now.viscous
     assert data is not None
     assert viscous is not None
     u, gradient, stress = displacement.ravel(), data.gradient.ravel(), viscous.stress.ravel()
-    system.kernels.viscous_pressure(
+    loop.kernels.viscous_pressure(
         body.lanes,
         data.element_chunks,
         data.element_rows.ravel(),
         gradient,
         data.linear,
         data.quadratic,
-        1.0 / system.time_step,
+        1.0 / loop.time_step,
         u,
         viscous.strain.ravel(),
         stress,
         viscous.dissipated.ravel(),
     )
-    force = now.internal_force.ravel()
+    force = body.now.internal_force.ravel()
     rows = data.pointer, data.corner, gradient, stress
-    system.kernels.add_viscous_force(body.lanes, body.rows.chunks, u, force, _flat(torque), *rows)
+    loop.kernels.add_viscous_force(body.lanes, body.rows.chunks, u, force, _flat(torque), *rows)
 
 
-def set_applied_force(system: ExplicitSystem, body: LaneBody, now: BodyState, time: float) -> None:
+def set_applied_force(loop: Loop, body: LaneBody, time: float) -> None:
     """Loads at ``time``; contact adds to them."""
+    now = body.now
     force, loads = now.applied_force, now.loads
     if force is None:
         return
     factors = [load_factor(load, time) for load in body.loads]
     if loads is not None:
         turning = any(load.following is not None for load in body.loads)
-        if not (turning or system.interactions) and np.array_equal(loads.factor, factors):
+        if not (turning or loop.interactions) and np.array_equal(loads.factor, factors):
             return
         loads.factor[:] = factors
     force[:] = 0.0
@@ -272,12 +213,12 @@ def load_values(load: BodyLoad, now: BodyState) -> FloatArray:
     return turned.ravel()[following.order]
 
 
-def load_power(body: LaneBody, now: BodyState, time: float, *, moved: bool = False) -> float:
+def load_power(body: LaneBody, time: float, *, moved: bool = False) -> float:
     """Power of the loads at the velocity that the state holds [N mm/s].
 
     Parameters
     ----------
-    body, now
+    body
         Loads and velocity.
     time
         Of the amplitudes and of the block frames [s].
@@ -285,7 +226,7 @@ def load_power(body: LaneBody, now: BodyState, time: float, *, moved: bool = Fal
         Whether the velocity has changed since the last call: then the sum over the loaded nodes
         is taken anew; else only for forces that have turned.
     """
-    power = 0.0
+    power, now = 0.0, body.now
     for k, load in enumerate(body.loads):
         assert now.loads is not None
         known = now.loads.power
@@ -296,56 +237,47 @@ def load_power(body: LaneBody, now: BodyState, time: float, *, moved: bool = Fal
     return power
 
 
-def gravity_at(system: ExplicitSystem, body: LaneBody, time: float) -> LaneArray | None:
+def gravity_at(loop: Loop, body: LaneBody, time: float) -> LaneArray | None:
     """Acceleration of gravity at a time, (3, lanes) [mm/s²]; None without."""
-    amplitude = system.stated.effects.gravity_amplitude
+    amplitude = loop.stated.effects.gravity_amplitude
     if body.acceleration is None or amplitude is None:
         return body.acceleration
     return amplitude(time) * body.acceleration
 
 
-def ramped_gravity_power(
-    body: LaneBody, now: BodyState, falling: LaneArray, *, moved: bool = False
-) -> float:
+def ramped_gravity_power(body: LaneBody, falling: LaneArray, *, moved: bool = False) -> float:
     """Power of a gravity that changes in time [N mm/s]; another one has a potential.
 
     The momentum is summed anew where the velocity has ``moved`` since the last call.
     """
-    known = now.momentum
+    known = body.now.momentum
     assert known is not None
     if moved or np.isnan(known[0]):
-        np.matmul(body.mass, now.velocity.reshape(len(body.mass), -1), out=known)
+        np.matmul(body.mass, body.now.velocity.reshape(len(body.mass), -1), out=known)
     return float(known @ falling.ravel())
 
 
-def advance(
-    system: ExplicitSystem,
-    body: LaneBody,
-    now: BodyState,
-    mass_damping: float | None,
-    falling: LaneArray | None,
-    *,
-    sample: bool,
-) -> None:
+def advance(loop: Loop, body: LaneBody, falling: LaneArray | None, *, sample: bool) -> None:
     """v_{n+½} = v_{n-½} + Δt a_n and u_{n+1} = u_n + Δt v_{n+½}."""
-    half = 0.0 if mass_damping is None else 0.5 * mass_damping * system.time_step
+    now, mass_damping = body.now, loop.mass_damping
+    half = 0.0 if mass_damping is None else 0.5 * mass_damping * loop.time_step
     before, frame = now.elastic_before, now.frame
     damped = mass_damping is not None
-    system.kernels.update(
+    loop.kernels.update(
         body.lanes,
         *widths(body.lanes),
         body.rows.chunks,
         _flat(now.kinetic if sample else None),
         _flat(None if before is None else before.work),
         _flat(now.mass_damping_work if damped else None),
-        system.time_step,
-        system.time_step / (1.0 + half),
+        loop.time_step,
+        loop.time_step / (1.0 + half),
         (1.0 - half) / (1.0 + half) if damped else None,
         body.mass,
         now.internal_force.ravel(),
         _flat(None if frame is None else frame.placing),
         None if frame is None else body.reference,
-        damping_ratio(system, now),
+        damping_ratio(loop, now),
         _flat(None if before is None else before.force),
         body.applied_row,
         _flat(now.applied_force),
@@ -360,11 +292,12 @@ def _flat(array: LaneArray | None) -> LaneArray | None:
     return None if array is None else array.ravel()
 
 
-def enforce_support(system: ExplicitSystem, body: LaneBody, now: BodyState, state: Lanes) -> None:
+def enforce_support(loop: Loop, body: LaneBody) -> None:
     """Prescribed components of displacement and velocity, and the work of moving supports."""
+    now = body.now
     damper = now.elastic_before
-    viscous_before = 0.0 if damper is None else supported_viscous_power(system, body, now)
-    loss = None if state.mass_damping is None else 0.5 * state.mass_damping * system.time_step
+    viscous_before = 0.0 if damper is None else supported_viscous_power(loop, body)
+    loss = None if loop.mass_damping is None else 0.5 * loop.mass_damping * loop.time_step
     u, v = now.displacement.ravel(), now.velocity.ravel()
     lost_before = lost_after = 0.0
     held = body.held
@@ -373,7 +306,7 @@ def enforce_support(system: ExplicitSystem, body: LaneBody, now: BodyState, stat
         runs = held.still
         lost_after += hold(runs.start, runs.pointer, held.still_mass, loss, u, v)
     if len(held.base):
-        time, dt = system.time(state), system.time_step
+        time, dt = loop.time, loop.time_step
         last, current, following = (held.prescribed(time + k * dt) for k in (-1, 0, 1))
         before, after, more_before, more_after = enforce(
             held.base,
@@ -393,18 +326,19 @@ def enforce_support(system: ExplicitSystem, body: LaneBody, now: BodyState, stat
         now.support_loss.add(lost_before, lost_after)
     if damper is not None:
         # `update` took the velocity before this correction.
-        change = supported_viscous_power(system, body, now) - viscous_before
+        change = supported_viscous_power(loop, body) - viscous_before
         damper.support_loss.add(0.0, 0.5 * change)
 
 
-def supported_viscous_power(system: ExplicitSystem, body: LaneBody, now: BodyState) -> float:
+def supported_viscous_power(loop: Loop, body: LaneBody) -> float:
     """Power of the damping force of `update` at supported nodes [N mm/s]; 0 where there is none."""
+    now = body.now
     before = now.elastic_before
     if before is None or not len(body.supported):
         return 0.0
     return viscous_power(
         body.supported,
-        damping_ratio(system, now),
+        damping_ratio(loop, now),
         now.internal_force.ravel(),
         before.force.ravel(),
         now.velocity.ravel(),

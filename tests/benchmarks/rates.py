@@ -18,7 +18,7 @@ from functools import partial
 import numpy as np
 
 from fem.explicit.setup.timed_system import timed_system
-from fem.explicit.solve import initial_state, prepare
+from fem.explicit.start import prepare
 from fem.explicit.step import step
 from fem.explicit.timed import TimedSystem
 from fem.static.linear_step.condensation import condense
@@ -67,13 +67,12 @@ def roofline(body: Body, adds: float, stream: float) -> float:
 def explicit_rate(model: TimedSystem, threads: int) -> float:
     """Element updates a second of a damped run in motion, those of two threads by the clock."""
     dt = 0.9 * model.critical.critical_time_step
-    system = prepare(model, time_step=dt, threads=threads)
-    state = initial_state(system)
-    state.mass_damping = 2000.0
+    loop = prepare(model, time_step=dt, threads=threads)
+    loop.mass_damping = 2000.0
     for _ in range(WARM_UP):
-        step(system, state)
+        step(loop)
     clock = time.process_time if threads == 1 else time.perf_counter
-    return model.system.n_elements / least(partial(step, system, state), clock, 50)
+    return model.system.n_elements / least(partial(step, loop), clock, 50)
 
 
 def condensation_rate() -> float:

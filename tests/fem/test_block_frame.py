@@ -6,7 +6,8 @@ from scipy.spatial.transform import Rotation
 
 from fem.explicit import kernels
 from fem.explicit.kernels import SERIAL
-from fem.explicit.solve import initial_state, prepare, run_explicit
+from fem.explicit.solve import run_explicit
+from fem.explicit.start import prepare
 from fem.explicit.step import placed_internal_force
 from fem.system.body import ModelError, placed_body
 from fem.system.effects import BulkViscosity, Effects, RayleighDamping
@@ -50,9 +51,9 @@ def test_frames_are_the_best_rotation():
     rng = np.random.default_rng(0)
     strain = 0.05 * rng.standard_normal((3, group.n_nodes, 3))
     start = rigid_displacement(group, 2.0, [1.0, 1.0, 0.0], [1.0, 2.0, 3.0]) + strain
-    system = prepare(lone_bodies((group,), effects=FINITE), time_step=1e-7)
-    body = system.bodies[0]
-    frame = initial_state(system, displacements=[start]).bodies[0].frame
+    stated = lone_bodies((group,), effects=FINITE)
+    body = prepare(stated, time_step=1e-7, displacements=[start]).bodies[0]
+    frame = body.now.frame
     mass = group.lumped_mass
     centre = mass @ group.mesh.nodes / mass.sum()
     for k in range(3):
@@ -75,16 +76,15 @@ def test_forces_are_the_gradient_of_the_strain_energy():
     rng = np.random.default_rng(1)
     start = rigid_displacement(group, 1.0, [0, 0, 1.0], np.zeros(3))
     start += 0.05 * rng.standard_normal(start.shape)
-    system = prepare(lone_bodies((group,), effects=FINITE), time_step=1e-7)
+    stated = lone_bodies((group,), effects=FINITE)
 
     def evaluate(u):
-        now = initial_state(system, displacements=[u]).bodies[0]
-        total = np.zeros(system.bodies[0].lanes)
-        force = np.zeros_like(now.frame.local)
-        r = system.bodies[0].rows
-        SERIAL.stiffness_product(*r.packed, now.frame.local.ravel(), force.ravel(), None, 2)
-        kernels.dot_lanes(now.frame.local, force, total)
-        placed = placed_internal_force(system.bodies[0], now)[r.row].transpose(2, 0, 1)
+        body = prepare(stated, time_step=1e-7, displacements=[u]).bodies[0]
+        local, r = body.now.frame.local, body.rows
+        total, force = np.zeros(body.lanes), np.zeros_like(local)
+        SERIAL.stiffness_product(*r.packed, local.ravel(), force.ravel(), None, 2)
+        kernels.dot_lanes(local, force, total)
+        placed = placed_internal_force(body)[r.row].transpose(2, 0, 1)
         return 0.5 * total.sum(), np.einsum("cij,cnj->cni", PLACEMENTS[:2], placed)
 
     _, force = evaluate(start)

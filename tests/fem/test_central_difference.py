@@ -16,13 +16,12 @@ from fem.explicit.solve import (
     Frame,
     Output,
     UnstableRun,
-    initial_state,
-    prepare,
     run_explicit,
     watch,
 )
-from fem.explicit.state import Lanes
-from fem.explicit.step import ExplicitSystem, step
+from fem.explicit.start import prepare
+from fem.explicit.state import Loop
+from fem.explicit.step import step
 from fem.explicit.timed import TimedSystem
 from fem.system.body import Body, placed_body
 from fem.system.effects import BulkViscosity, Effects, RayleighDamping
@@ -261,8 +260,8 @@ def test_a_body_that_starts_strained_and_at_rest_has_no_viscous_force(name, turn
     velocities = []
     for effects in (Effects(gravity=EFFECTS[name].gravity), EFFECTS[name]):
         model = lone_bodies((group,), effects=replace(effects, finite_rotation=turning))
-        system = prepare(model, time_step=1e-6)
-        velocities.append(initial_state(system, displacements=[start]).bodies[0].velocity)
+        loop = prepare(model, time_step=1e-6, displacements=[start])
+        velocities.append(loop.bodies[0].now.velocity)
     elastic, damped = velocities
     np.testing.assert_allclose(damped, elastic, rtol=0, atol=1e-12 * abs(elastic).max())
 
@@ -364,18 +363,18 @@ def test_critical_time_step_is_sharp(name):
     stable = run_explicit(model, velocities=[velocity], **short(model, 3000, factor=0.999))
     start = 0.5 * group.lumped_mass @ (velocity[0] ** 2).sum(axis=1)
     assert stable.history.column("strain_energy").max() < 1e4 * start
-    system = prepare(model, time_step=1.01 * stable.critical.critical_time_step)
-    state = initial_state(system, velocities=[velocity])
+    time_step = 1.01 * stable.critical.critical_time_step
+    loop = prepare(model, time_step=time_step, velocities=[velocity])
     with pytest.raises(UnstableRun, match=r"unstable at t = .* block\[0\] .*safety_factor"):
-        watched_steps(system, state, 3000)
+        watched_steps(loop, 3000)
 
 
-def watched_steps(system: ExplicitSystem, state: Lanes, n_steps: int) -> None:
+def watched_steps(loop: Loop, n_steps: int) -> None:
     history = History()
     for _ in range(n_steps):
-        step(system, state, sample=True)
-        history.observe(energies(system, state))
-        watch(system, state, history)
+        step(loop, sample=True)
+        history.observe(energies(loop))
+        watch(loop, history)
 
 
 def test_hourglass_modes_do_not_grow():
@@ -403,14 +402,11 @@ def test_effects_that_are_off_leave_the_bits_of_the_bare_loop():
     group = placed_body(distorted_box((3, 2, 2)), CONCRETE, translations=np.zeros((5, 3)))
     velocity = np.random.default_rng(0).standard_normal((5, group.n_nodes, 3))
     model = lone_bodies((group,))
-    system = prepare(
-        model,
-        time_step=0.9 * model.critical.critical_time_step,
-    )
-    body, dt = system.bodies[0], system.time_step
-    state = initial_state(system, velocities=[velocity])
+    dt = 0.9 * model.critical.critical_time_step
+    loop = prepare(model, time_step=dt, velocities=[velocity])
+    body = loop.bodies[0]
     for _ in range(200):
-        step(system, state)
+        step(loop)
     u = aligned_zeros((body.n_rows, 3, 8))
     v, f = to_lanes(velocity, body.rows.order), np.zeros_like(u)
     r = body.rows
@@ -418,8 +414,8 @@ def test_effects_that_are_off_leave_the_bits_of_the_bare_loop():
         SERIAL.stiffness_product(*r.packed, u.ravel(), f.ravel(), None, 8)
         v += (dt / body.mass[:, None, None]) * -f
         u += dt * v
-    np.testing.assert_array_equal(state.bodies[0].displacement, u)
-    np.testing.assert_array_equal(state.bodies[0].velocity, v)
+    np.testing.assert_array_equal(body.now.displacement, u)
+    np.testing.assert_array_equal(body.now.velocity, v)
 
 
 @pytest.mark.parametrize("name", ["none", pytest.param("all", marks=pytest.mark.slow)])

@@ -12,7 +12,8 @@ from fem.element.facet import FACET_SLOPES, FACET_VALUES
 from fem.explicit.damping import applied_forces
 from fem.explicit.setup.quasi_static import quasi_static_report
 from fem.explicit.setup.timed_system import state_of, timed_system
-from fem.explicit.solve import Output, StopCriterion, initial_state, prepare, run_explicit
+from fem.explicit.solve import Output, StopCriterion, run_explicit
+from fem.explicit.start import prepare
 from fem.explicit.state import world_vectors
 from fem.static.solve import static_state
 from fem.system.contact_state import corner_displacements
@@ -53,21 +54,22 @@ def kernel_forces(statement, displacements, *, then=None, **options):
     With ``then`` those at displacements that follow upon the first.
     """
     copy_of = statement.system.copy_of
-    system = prepare(statement, time_step=1e-9, **options)
-    state = initial_state(system, displacements=in_model_order(statement, displacements))
+    start = {"displacements": in_model_order(statement, displacements), **options}
+    loop = prepare(statement, time_step=1e-9, **start)
     if then is not None:
         displacements = then
-        following = initial_state(system, displacements=in_model_order(statement, then))
-        for now, new in zip(state.bodies, following.bodies, strict=True):
-            now.displacement[:] = new.displacement
-    for now in state.bodies:
-        now.applied_force[:] = 0.0
-    system.interactions[0].add_force(system, state)
+        start["displacements"] = in_model_order(statement, then)
+        following = prepare(statement, time_step=1e-9, **start)
+        for body, new in zip(loop.bodies, following.bodies, strict=True):
+            body.now.displacement[:] = new.now.displacement
+    for body in loop.bodies:
+        body.now.applied_force[:] = 0.0
+    loop.interactions[0].add_force(loop)
     result = [np.zeros_like(u) for u in displacements]
-    for g, (body, now) in enumerate(zip(system.bodies, state.bodies, strict=True)):
-        world = world_vectors(body, applied_forces(body, now))
+    for g, body in enumerate(loop.bodies):
+        world = world_vectors(body, applied_forces(body))
         result[g][copy_of[statement.blocks[g]]] = world
-    return result, system.interactions[0].energy()
+    return result, loop.interactions[0].energy()
 
 
 def plain_forces(deformable, displacements):

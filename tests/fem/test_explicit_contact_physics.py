@@ -14,10 +14,9 @@ from fem.explicit.solve import (
     Output,
     UnstableRun,
     displacements_of,
-    initial_state,
-    prepare,
     run_explicit,
 )
+from fem.explicit.start import prepare
 from fem.explicit.state import world_vectors
 from fem.explicit.step import step
 from fem.system.effects import AdaptiveMassDamping, Effects, RayleighDamping
@@ -210,11 +209,10 @@ def test_time_step_counts_contact():
     assert with_contact < 0.5 * without
     highest = []
     for time_step in (0.9 * with_contact, 0.9 * without):
-        system = prepare(model, time_step=time_step)
-        state = initial_state(system)
+        loop = prepare(model, time_step=time_step)
         for _ in range(1000):
-            step(system, state)
-        highest.append(np.abs(displacements_of(system, state)[0]).max())
+            step(loop)
+        highest.append(np.abs(displacements_of(loop)[0]).max())
     # The weight at once compresses it by twice ρ g h² / 2E and lifts it off a little after that.
     compression = CONCRETE.density * GRAVITY * 20.0**2 / (2.0 * 33e3)
     assert highest[0] < 10.0 * compression
@@ -242,18 +240,16 @@ def test_column_under_its_weight_sinks_by_the_inverse_of_the_law():
 
 def floor_forces(model, path):
     """Forces on the blocks at the last of some displacements, (3,) or one row a block [mm]."""
-    system = prepare(model, time_step=1e-9)
-    group = model.bodies[0]
-    state = initial_state(system)
+    loop, group = prepare(model, time_step=1e-9), model.bodies[0]
+    (body,) = loop.bodies
     for moved in path:
         copies = np.broadcast_to(moved, (group.n_copies, 3))
         everywhere = (np.repeat(copies[:, None], group.n_nodes, axis=1),)
-        there = initial_state(system, displacements=everywhere)
-        for now, new in zip(state.bodies, there.bodies, strict=True):
-            now.displacement[:] = new.displacement
-            now.applied_force[:] = 0.0
-        system.interactions[0].add_force(system, state)
-    return world_vectors(system.bodies[0], applied_forces(system.bodies[0], state.bodies[0]))
+        there = prepare(model, time_step=1e-9, displacements=everywhere).bodies[0]
+        body.now.displacement[:] = there.now.displacement
+        body.now.applied_force[:] = 0.0
+        loop.interactions[0].add_force(loop)
+    return world_vectors(body, applied_forces(body))
 
 
 def test_friction_forgets_when_blocks_lift_off():

@@ -14,7 +14,8 @@ from fem import Explicit, Frames, Material, solve_explicit
 from fem.contact.search import points_of_search
 from fem.explicit.setup.quasi_static import block_frequencies
 from fem.explicit.setup.timed_system import state_of, timed_system
-from fem.explicit.solve import StopCriterion, initial_state, prepare, run_explicit
+from fem.explicit.solve import StopCriterion, run_explicit
+from fem.explicit.start import prepare
 from fem.system.contact_state import contact_state, facing_points
 from fem.system.effects import AdaptiveMassDamping, Effects
 from fem.system.system import System
@@ -112,13 +113,12 @@ def test_random_motions_of_boxes_that_do_not_match_balance() -> None:
     points = points_of_search(facing_points(whole, moved), whole.surfaces.clearance)
     found = contact_state(whole, moved, points)
     assert found.point_pressures.max() > 0.1
-    system = prepare(stated, time_step=1e-9)
     still(stated.system, moved)
-    state = initial_state(system, displacements=moved)
-    for now in state.bodies:
-        now.applied_force[:] = 0.0  # type: ignore[index]
-    system.interactions[0].add_force(system, state)
-    bound = system.interactions[0]
+    loop = prepare(stated, time_step=1e-9, displacements=moved)
+    for body in loop.bodies:
+        body.now.applied_force[:] = 0.0  # type: ignore[index]
+    bound = loop.interactions[0]
+    bound.add_force(loop)
     force, position = bound._force, bound.points.position  # type: ignore[attr-defined]
     size = np.abs(force).sum()
     assert size > 100.0

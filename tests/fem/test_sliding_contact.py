@@ -14,7 +14,8 @@ from fem.element.facet import bilinear
 from fem.explicit.contact.sliding import SlidingContact, surface_areas
 from fem.explicit.damping import applied_forces
 from fem.explicit.setup.timed_system import counted_stiffness, timed_system
-from fem.explicit.solve import Output, StopCriterion, initial_state, prepare, run_explicit
+from fem.explicit.solve import Output, StopCriterion, run_explicit
+from fem.explicit.start import prepare
 from fem.explicit.state import world_vectors
 from fem.explicit.step import step
 from fem.system.body import placed_body
@@ -87,15 +88,14 @@ def test_a_block_slides_over_many_facets():
     with every block counted by its fastest node, twice.
     """
     model, velocities = sliding_block()
-    system = prepare(model, time_step=5e-7)
-    state = initial_state(system, velocities=velocities)
+    loop = prepare(model, time_step=5e-7, velocities=velocities)
     for _ in range(40_000):
-        step(system, state)
-    bound = system.interactions[0]
-    now = world_vectors(system.bodies[0], state.bodies[0].velocity)[0]
+        step(loop)
+    (bound,), (body,) = loop.interactions, loop.bodies
+    now = world_vectors(body, body.now.velocity)[0]
     mass = model.bodies[0].lumped_mass
     assert mass @ now[:, 0] / mass.sum() == pytest.approx(1000.0, rel=1e-7)
-    moved = world_vectors(system.bodies[0], state.bodies[0].displacement)[0]
+    moved = world_vectors(body, body.now.displacement)[0]
     assert moved[:, 0].mean() == pytest.approx(20.0, rel=1e-6)
     assert np.abs(moved[:, 2]).max() < 1e-4
     skin = 0.1 * 20.0 / 3.0
@@ -142,20 +142,19 @@ def test_forces_and_moments_balance():
     forces the gradient of an energy that no rigid motion changes (rounding as for faces)."""
     deformable = tube(frames=Frames.DEFORMABLE)
     statement = timed_system(in_contact(deformable, finite_sliding=True))
-    system = prepare(statement, time_step=1e-9)
     rng = np.random.default_rng(2)
     groups = statement.bodies
     moved = tuple(5e-3 * rng.standard_normal((g.n_copies, g.n_nodes, 3)) for g in groups)
     for number, of in enumerate(moved):
         place = statement.numbers(number)[statement.system.supports.row]
         of.reshape(-1, 3)[place[place >= 0]] = 0.0
-    state = initial_state(system, displacements=moved)
-    for now in state.bodies:
-        now.applied_force[:] = 0.0
-    system.interactions[0].add_force(system, state)
+    loop = prepare(statement, time_step=1e-9, displacements=moved)
+    for body in loop.bodies:
+        body.now.applied_force[:] = 0.0
+    loop.interactions[0].add_force(loop)
     total, moment, size = np.zeros(3), np.zeros(3), 0.0
-    for g, body, now, u in zip(groups, system.bodies, state.bodies, moved, strict=True):
-        force = world_vectors(body, applied_forces(body, now))
+    for g, body, u in zip(groups, loop.bodies, moved, strict=True):
+        force = world_vectors(body, applied_forces(body))
         total += force.sum(axis=(0, 1))
         moment += np.cross(g.reference_positions() + u, force).sum(axis=(0, 1))
         size += np.abs(force).sum()
@@ -235,15 +234,11 @@ def test_a_sector_slides_as_the_whole_ring():
     moved = tuple(3e-3 * rng.standard_normal((g.n_copies, g.n_nodes, 3)) for g in sector.bodies)
     forces = []
     for stated, u in ((sector, moved), (whole, sector.expand(moved))):
-        system = prepare(stated, time_step=1e-9)
-        state = initial_state(system, displacements=u)
-        for now in state.bodies:
-            now.applied_force[:] = 0.0
-        system.interactions[0].add_force(system, state)
-        found = tuple(
-            world_vectors(body, applied_forces(body, now))
-            for body, now in zip(system.bodies, state.bodies, strict=True)
-        )
+        loop = prepare(stated, time_step=1e-9, displacements=u)
+        for body in loop.bodies:
+            body.now.applied_force[:] = 0.0
+        loop.interactions[0].add_force(loop)
+        found = tuple(world_vectors(body, applied_forces(body)) for body in loop.bodies)
         forces.append(stated.expand(found))
     inner = slice(1, 3)  # of four blocks in the layer, the first and the last share that joint
     for ours, theirs in zip(*forces, strict=True):

@@ -10,7 +10,7 @@ from fem import CoulombFriction, Frames, LinearPenalty
 from fem.explicit.damping import applied_forces
 from fem.explicit.kernels.layout import to_lanes
 from fem.explicit.setup.timed_system import timed_system
-from fem.explicit.solve import initial_state, prepare
+from fem.explicit.start import prepare
 from fem.explicit.state import world_vectors
 from geometry.mesh import HexMesh
 from tests.support.blocks import random_rotation
@@ -36,18 +36,18 @@ def along_path(deformable, path):
     """Forces on the nodes of both bricks [N], energy stored and lost [N mm], at each of some
     displacements (2, n_nodes, 3) [mm]."""
     statement = timed_system(deformable, ramp_time=0.0)
-    system = prepare(with_supports(statement), time_step=1e-9)
-    state = initial_state(system)
-    (body,), (now,) = system.bodies, state.bodies
+    loop = prepare(with_supports(statement), time_step=1e-9)
+    (body,) = loop.bodies
+    now = body.now
     turns = body.group.rotations
     result = []
     for moved in path:
         local = np.einsum("cij,cni->cnj", turns, moved[statement.blocks[0]])
         now.displacement[:] = to_lanes(local, body.rows.order)
         now.applied_force[:] = 0.0
-        contact = system.interactions[0]
-        contact.add_force(system, state)
-        force = world_vectors(body, applied_forces(body, now))[np.argsort(statement.blocks[0])]
+        contact = loop.interactions[0]
+        contact.add_force(loop)
+        force = world_vectors(body, applied_forces(body))[np.argsort(statement.blocks[0])]
         result.append((force, contact.energy(), contact.dissipation()))
     return [np.array(column) for column in zip(*result, strict=True)]
 

@@ -65,13 +65,12 @@ def test_effects_leave_no_trace_when_off() -> None:
     bare, full = (to_rest(load_case("tsb1-pipe", [*TINY, *e])) for e in ([], EFFECTS))
 
     def bits() -> bytes:
-        system, state = ready(bare)
-        take_steps(system, state)
-        return b"".join(now.displacement.tobytes() for now in state.bodies)
+        loop = ready(bare)
+        take_steps(loop)
+        return b"".join(body.now.displacement.tobytes() for body in loop.bodies)
 
     first = bits()
-    system, state = ready(full)
-    take_steps(system, state)
+    take_steps(ready(full))
     forms = compiled_forms()
     assert bits() == first
     assert compiled_forms() == forms

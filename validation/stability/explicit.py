@@ -16,11 +16,10 @@ from fem.explicit.solve import (
     Run,
     StopCriterion,
     UnstableRun,
-    initial_state,
-    prepare,
     run_explicit,
 )
 from fem.explicit.solve import watch as watch_energy
+from fem.explicit.start import prepare
 from fem.explicit.step import step as central_difference_step
 from fem.explicit.timed import TimedSystem
 from fem.system.contact_state import contact_state
@@ -95,20 +94,20 @@ def above_critical() -> CaseVerdict:
 def forced() -> CaseVerdict:
     """1.01 of the critical step past the door: the watchdog stops the run, nothing infinite."""
     model = free_cube()
-    system = prepare(model, time_step=1.01 * model.critical.critical_time_step)
-    state = initial_state(system, velocities=noise(model, 100.0))
+    too_long = 1.01 * model.critical.critical_time_step
+    loop = prepare(model, time_step=too_long, velocities=noise(model, 100.0))
     history = History()
 
     def run() -> None:
         for number in range(5000):
             sample = number % 50 == 0
-            central_difference_step(system, state, sample=sample)
+            central_difference_step(loop, sample=sample)
             if sample:
-                history.observe(energies(system, state))
-                watch_energy(system, state, history)
+                history.observe(energies(loop))
+                watch_energy(loop, history)
 
     stopped = rejected(run, UnstableRun, "unstable", "take a smaller")
-    finite = bool(np.isfinite(state.bodies[0].displacement).all())
+    finite = bool(np.isfinite(loop.bodies[0].now.displacement).all())
     return stopped if finite else case_verdict(("finite at the stop", finite, "==", 1))
 
 

@@ -11,7 +11,7 @@ from fem.contact.friction import CoulombFriction, FrictionError, coulomb
 from fem.contact.law import ContactLaw
 from fem.explicit.body import LaneBody
 from fem.explicit.contact.compiled_law import compiled_law
-from fem.explicit.step import ExplicitSystem, Interaction
+from fem.explicit.state import Interaction, Loop
 from fem.system.time_step import critical_time_step
 from geometry.mesh import FloatArray, IntArray
 
@@ -81,7 +81,7 @@ class BoundContact(Interaction):
     def _deepest(self) -> tuple[int, float, int, int] | None:
         """Where contact is stiffest: unit or point, gap [mm] and the two blocks; None: nowhere."""
 
-    def fault(self, system: ExplicitSystem) -> str | None:
+    def fault(self, loop: Loop) -> str | None:
         """Where the stiffness of the law exceeds what the time step allows, and the remedy."""
         counted = self._statement.counted_stiffness
         laws = self._statement.law.members
@@ -93,21 +93,21 @@ class BoundContact(Interaction):
         which, gap, m, s = deepest
         law = self._law.one(which)
         pressure, stiffness = float(law.pressure(-gap)), float(law.stiffness(-gap))
-        if stiffness <= counted or stiffness <= self._largest_stiffness(system):
+        if stiffness <= counted or stiffness <= self._largest_stiffness(loop):
             return None
         return (
             f"contact pressure between blocks {m} and {s} reached {pressure:.3g} MPa, a stiffness "
-            f"of {stiffness:.3g} MPa/mm; the time step {system.time_step:.4g} s allows "
-            f"{self._largest_stiffness(system):.3g}; take a smaller `safety_factor` or set "
+            f"of {stiffness:.3g} MPa/mm; the time step {loop.time_step:.4g} s allows "
+            f"{self._largest_stiffness(loop):.3g}; take a smaller `safety_factor` or set "
             "`maximum_stiffness`"
         )
 
-    def _largest_stiffness(self, system: ExplicitSystem) -> float:
+    def _largest_stiffness(self, loop: Loop) -> float:
         """Stiffness of a law that is stable: (ω_bulk² + ω_contact²)/4 = 1/Δt² [MPa/mm]."""
         if self._allowed is None:
-            bulk = critical_time_step(system.stated.bodies, system.stated.effects)
-            square = 4.0 / system.time_step**2 - 4.0 / bulk.critical_time_step**2
-            groups = zip(self._statement.areas, system.stated.bodies, strict=True)
+            bulk = critical_time_step(loop.stated.bodies, loop.stated.effects)
+            square = 4.0 / loop.time_step**2 - 4.0 / bulk.critical_time_step**2
+            groups = zip(self._statement.areas, loop.stated.bodies, strict=True)
             self._allowed = square / max(
                 float((areas / group.lumped_mass).max()) for areas, group in groups
             )

@@ -28,8 +28,7 @@ from fem.explicit.contact.paired_kernel import (
 )
 from fem.explicit.kernels import PARALLEL
 from fem.explicit.kernels.layout import LaneArray, aligned_zeros, equal_work
-from fem.explicit.state import Lanes
-from fem.explicit.step import ExplicitSystem
+from fem.explicit.state import Loop
 from fem.system.system import System
 from geometry.mesh import FloatArray, IntArray
 
@@ -84,10 +83,10 @@ class _BoundFaces(BoundContact):
             self._lost = aligned_zeros((8 * len(self._data.units),))
         self._collections = _collections(self._data, len(self._work.force) // 2, bodies)
 
-    def add_force(self, system: ExplicitSystem, state: Lanes) -> None:
+    def add_force(self, loop: Loop) -> None:
         """Add contact forces at the current positions to the applied forces."""
-        parallel = system.kernels is PARALLEL
-        displacements = tuple(now.displacement.ravel() for now in state.bodies)
+        parallel = loop.kernels is PARALLEL
+        displacements = tuple(body.now.displacement.ravel() for body in loop.bodies)
         contact_forces.form(parallel=parallel)(
             self._data,
             displacements,
@@ -98,8 +97,8 @@ class _BoundFaces(BoundContact):
             self._lost,
             *self._widths,
         )
-        for body, now, result in zip(system.bodies, state.bodies, self._collections, strict=True):
-            if result is None or now.applied_force is None:
+        for body, result in zip(loop.bodies, self._collections, strict=True):
+            if result is None or body.now.applied_force is None:
                 continue
             collect_forces.form(parallel=parallel)(
                 result.chunks,
@@ -108,7 +107,7 @@ class _BoundFaces(BoundContact):
                 self._data,
                 self._work,
                 body.lanes,
-                now.applied_force.ravel(),
+                body.now.applied_force.ravel(),
             )
 
     def energy(self) -> float:

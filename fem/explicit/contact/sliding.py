@@ -32,8 +32,7 @@ from fem.explicit.contact.sliding_kernel import (
     sliding_forces,
 )
 from fem.explicit.kernels.layout import LaneArray
-from fem.explicit.state import Lanes
-from fem.explicit.step import ExplicitSystem
+from fem.explicit.state import Loop
 from geometry.mesh import FloatArray, IntArray
 
 #: Motion of two blocks together after which cuts follow it, over the skin of the search.
@@ -130,13 +129,11 @@ class BoundSlidingContact(BoundContact):
         self._gap = np.full(room, np.inf)
         self._slip = None if self._statement.friction is None else np.zeros((room, 3))
 
-    def add_force(self, system: ExplicitSystem, state: Lanes) -> None:
+    def add_force(self, loop: Loop) -> None:
         """Add contact forces at the current positions to the applied forces."""
         points = self.points
-        self._follow(state)
-        for group, body, now, travel in zip(
-            self._groups, system.bodies, state.bodies, self._travel, strict=True
-        ):
+        self._follow(loop)
+        for group, body, travel in zip(self._groups, loop.bodies, self._travel, strict=True):
             place_surface(
                 group.reference,
                 group.rows,
@@ -144,11 +141,11 @@ class BoundSlidingContact(BoundContact):
                 group.copies,
                 group.turns,
                 group.turn_of,
-                now.displacement.ravel(),
+                body.now.displacement.ravel(),
                 points.position[group.where],
             )
             gone = np.zeros(body.n_copies)
-            add_travel(group.surface_rows, now.velocity, system.time_step, gone)
+            add_travel(group.surface_rows, body.now.velocity, loop.time_step, gone)
             np.add(travel, gone, out=travel)
         if not self._counts[0]:
             self._search()
@@ -167,8 +164,8 @@ class BoundSlidingContact(BoundContact):
             self._gap[:n],
             self._force,
         )
-        for group, body, now in zip(self._groups, system.bodies, state.bodies, strict=True):
-            if now.applied_force is None:
+        for group, body in zip(self._groups, loop.bodies, strict=True):
+            if body.now.applied_force is None:
                 continue
             apply_surface(
                 self._force[group.where],
@@ -177,10 +174,10 @@ class BoundSlidingContact(BoundContact):
                 group.copies,
                 group.turns,
                 group.turn_of,
-                now.applied_force.ravel(),
+                body.now.applied_force.ravel(),
             )
 
-    def _follow(self, state: Lanes) -> None:
+    def _follow(self, loop: Loop) -> None:
         """Search or cut at the last positions, if two blocks together have moved since by a skin.
 
         At the last ones: elastic slips know the way of a point from there on.
@@ -193,9 +190,7 @@ class BoundSlidingContact(BoundContact):
         skin = self.points.skin
         if moved[0] > skin:
             self._search()
-        elif moved[1] > _CUT_SKIN * skin or (
-            state.step % _LOOK == 0 and moved[1] > _AT_REST * skin
-        ):
+        elif moved[1] > _CUT_SKIN * skin or (loop.step % _LOOK == 0 and moved[1] > _AT_REST * skin):
             self._renew(self.points.cut)
             self._counts[1] += 1
             self._known += 1

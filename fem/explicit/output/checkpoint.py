@@ -21,12 +21,11 @@ import numpy as np
 from scipy.sparse import bsr_array
 
 from fem.explicit.output.energy import COLUMNS, History
-from fem.explicit.state import Lanes
-from fem.explicit.step import ExplicitSystem
+from fem.explicit.state import Loop
 from geometry.errors import RefusedError, unreadable
 from geometry.machine.system import stop_signals
 
-FORMAT = 3
+FORMAT = 4
 
 Contents = dict[str, np.ndarray[Any, Any]]
 
@@ -39,15 +38,15 @@ class OtherProblemError(CheckpointError):
     """A whole checkpoint, but of another model or time step."""
 
 
-def write_checkpoint(path: Path, system: ExplicitSystem, state: Lanes, history: History) -> None:
+def write_checkpoint(path: Path, loop: Loop, history: History) -> None:
     """Write state and history; atomically replaces an older file."""
     path = Path(path)
     initial = np.nan if history.initial_total is None else history.initial_total
     contents: Contents = {
-        **{f"array/{name}": array for name, array in state_arrays(system, state).items()},
-        **{f"number/{name}": np.array(v) for name, v in state_numbers(state).items()},
+        **{f"array/{name}": array for name, array in state_arrays(loop).items()},
+        **{f"number/{name}": np.array(v) for name, v in state_numbers(loop).items()},
         "format": np.array(FORMAT),
-        "fingerprint": np.array(fingerprint(system)),
+        "fingerprint": np.array(fingerprint(loop)),
         "history": history.table(),
         "pushes": np.array(history.pushes),
         "initial_total": np.array(initial),
@@ -63,10 +62,10 @@ def write_checkpoint(path: Path, system: ExplicitSystem, state: Lanes, history: 
     temporary.replace(path)
 
 
-def read_checkpoint(path: Path, system: ExplicitSystem, state: Lanes) -> History:
-    """Fill ``state`` from a checkpoint and return the history up to it.
+def read_checkpoint(path: Path, loop: Loop) -> History:
+    """Fill the state of ``loop`` from a checkpoint and return the history up to it.
 
-    Nothing of the state changes unless the whole checkpoint fits.
+    Nothing of it changes unless the whole checkpoint fits.
     """
     path = Path(path)
     contents = _contents(path)
@@ -77,12 +76,12 @@ def read_checkpoint(path: Path, system: ExplicitSystem, state: Lanes) -> History
             f"checkpoint {path}: is damaged: its content is not what was written; start the run "
             "from the beginning"
         )
-    if str(contents["fingerprint"]) != fingerprint(system):
+    if str(contents["fingerprint"]) != fingerprint(loop):
         raise OtherProblemError(
             f"checkpoint {path}: belongs to another model or time step; "
             "run the same scene with the same options or remove the file"
         )
-    arrays, numbers = state_arrays(system, state), state_numbers(state)
+    arrays, numbers = state_arrays(loop), state_numbers(loop)
     for name, array in arrays.items():
         kept = contents.get(f"array/{name}")
         if kept is None or (kept.shape, kept.dtype) != (array.shape, array.dtype):
@@ -94,7 +93,7 @@ def read_checkpoint(path: Path, system: ExplicitSystem, state: Lanes) -> History
     for name, array in arrays.items():
         array[...] = contents[f"array/{name}"]
     for name in numbers:
-        set_state_number(state, name, contents[f"number/{name}"].item())
+        set_state_number(loop, name, contents[f"number/{name}"].item())
     return _history(contents)
 
 
@@ -134,21 +133,28 @@ def content_digest(contents: Mapping[str, np.ndarray[Any, Any]]) -> str:
     return digest.hexdigest()
 
 
-def state_arrays(system: ExplicitSystem, state: Lanes) -> dict[str, np.ndarray[Any, Any]]:
+def state_arrays(loop: Loop) -> dict[str, np.ndarray[Any, Any]]:
     """Every array of the state and of the interactions, by a path of names."""
-    arrays: dict[str, np.ndarray[Any, Any]] = {}
-    _collect(state, "state", arrays, np.ndarray)
-    for k, interaction in enumerate(system.interactions):
+    arrays: dict[str, np.ndarray[Any, Any]] = _evolving(loop, np.ndarray)
+    for k, interaction in enumerate(loop.interactions):
         for name, array in interaction.arrays().items():
             arrays[f"interaction.{k}.{name}"] = array
     return arrays
 
 
-def state_numbers(state: Lanes) -> dict[str, float | int]:
+def state_numbers(loop: Loop) -> dict[str, float | int]:
     """Every number of the state, by a path of names."""
-    numbers: dict[str, float | int] = {}
-    _collect(state, "state", numbers, (int, float))
-    return numbers
+    return _evolving(loop, (int, float))
+
+
+def _evolving(loop: Loop, kind: Any) -> dict[str, Any]:
+    """All of a kind that changes from step to step, by a path of names from the loop."""
+    found: dict[str, Any] = {}
+    for name in ("step", "mass_damping"):
+        _collect(getattr(loop, name), name, found, kind)
+    for k, body in enumerate(loop.bodies):
+        _collect(body.now, f"bodies.{k}.now", found, kind)
+    return found
 
 
 def _collect(value: Any, path: str, found: dict[str, Any], kind: Any) -> None:
@@ -162,22 +168,22 @@ def _collect(value: Any, path: str, found: dict[str, Any], kind: Any) -> None:
             _collect(getattr(value, field.name), f"{path}.{field.name}", found, kind)
 
 
-def set_state_number(state: Lanes, path: str, number: float | int) -> None:
+def set_state_number(loop: Loop, path: str, number: float | int) -> None:
     """Inverse of `state_numbers` for one path."""
-    *parents, name = path.split(".")[1:]
-    owner: Any = state
+    *parents, name = path.split(".")
+    owner: Any = loop
     for part in parents:
         owner = owner[int(part)] if part.isdigit() else getattr(owner, part)
     setattr(owner, name, number)
 
 
-def fingerprint(system: ExplicitSystem) -> str:
+def fingerprint(loop: Loop) -> str:
     """Hash of everything that decides the bits of a run."""
     digest = hashlib.sha256()
-    stated = system.stated
+    stated = loop.stated
     _hash(digest, [stated.bodies, stated.blocks, stated.effects, stated.interactions])
     _hash(digest, [stated.system.supports, stated.system.forces])
-    _hash(digest, system.time_step)
+    _hash(digest, loop.time_step)
     return digest.hexdigest()
 
 

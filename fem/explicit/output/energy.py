@@ -14,8 +14,7 @@ import numpy as np
 from fem.explicit.body import LaneBody
 from fem.explicit.kernels import dot_lanes
 from fem.explicit.kernels.layout import aligned_zeros
-from fem.explicit.state import BodyState, Lanes
-from fem.explicit.step import ExplicitSystem
+from fem.explicit.state import BodyState, Loop
 from geometry.mesh import FloatArray
 
 
@@ -73,27 +72,27 @@ class Energies:
 ENERGY_NAMES = tuple(f.name for f in fields(Energies))
 
 
-def energies(system: ExplicitSystem, state: Lanes) -> Energies:
+def energies(loop: Loop) -> Energies:
     """Energies at the beginning of the step that was just done with ``sample``."""
-    pairs = list(zip(system.bodies, state.bodies, strict=True))
+    states = [body.now for body in loop.bodies]
     # `update` left ½ v₋ · M v₊ with the v₊ before the supports corrected it.
-    half = 0.0 if state.mass_damping is None else 0.5 * state.mass_damping * system.time_step
-    supports = sum(now.support_work.latest_before for now in state.bodies) / (1.0 + half)
+    half = 0.0 if loop.mass_damping is None else 0.5 * loop.mass_damping * loop.time_step
+    supports = sum(now.support_work.latest_before for now in states) / (1.0 + half)
     return Energies(
-        kinetic_energy=sum(float(now.kinetic.sum()) for now in state.bodies) + supports,
-        strain_energy=sum(float(now.strain_energy.sum()) for now in state.bodies),
-        hourglass_energy=sum(hourglass_energy(system, body, now) for body, now in pairs),
-        contact_energy=sum(i.energy() for i in system.interactions),
+        kinetic_energy=sum(float(now.kinetic.sum()) for now in states) + supports,
+        strain_energy=sum(float(now.strain_energy.sum()) for now in states),
+        hourglass_energy=sum(hourglass_energy(loop, body) for body in loop.bodies),
+        contact_energy=sum(i.energy() for i in loop.interactions),
         external_work=sum(
-            now.external_work.now + now.support_work.now + gravity_work(system, body, now)
-            for body, now in pairs
+            body.now.external_work.now + body.now.support_work.now + gravity_work(loop, body)
+            for body in loop.bodies
         ),
-        mass_damping_dissipation=sum(_mass_damping(now) for now in state.bodies),
-        stiffness_damping_dissipation=sum(_stiffness_damping(system, now) for now in state.bodies),
+        mass_damping_dissipation=sum(_mass_damping(now) for now in states),
+        stiffness_damping_dissipation=sum(_stiffness_damping(loop, now) for now in states),
         bulk_viscosity_dissipation=sum(
-            float(now.viscous.dissipated.sum()) for now in state.bodies if now.viscous is not None
+            float(now.viscous.dissipated.sum()) for now in states if now.viscous is not None
         ),
-        frictional_dissipation=sum(i.dissipation() for i in system.interactions),
+        frictional_dissipation=sum(i.dissipation() for i in loop.interactions),
     )
 
 
@@ -104,45 +103,45 @@ def _mass_damping(now: BodyState) -> float:
     return float(work[:, 0].sum() - work[:, 1].sum()) + now.support_loss.now
 
 
-def _stiffness_damping(system: ExplicitSystem, now: BodyState) -> float:
+def _stiffness_damping(loop: Loop, now: BodyState) -> float:
     before, damping = now.elastic_before, now.stiffness_damping
     if before is not None:
         done = float(before.work[:, 0].sum() - before.work[:, 1].sum())
-        return system.time_step * (done + before.support_loss.now)
+        return loop.time_step * (done + before.support_loss.now)
     if damping is None:
         return 0.0
     # Without block frames the kernel was given the velocity as the increment.
-    scale = system.time_step if now.frame is None else 1.0
+    scale = loop.time_step if now.frame is None else 1.0
     return scale * float(damping.dissipated.sum())
 
 
-def gravity_work(system: ExplicitSystem, body: LaneBody, now: BodyState) -> float:
+def gravity_work(loop: Loop, body: LaneBody) -> float:
     """Work of gravity since the undeformed state, Σ m g · u_n [N mm].
 
     Gravity that changes in time has no potential: its work is with that of the loads.
     """
-    if body.acceleration is None or system.stated.effects.gravity_amplitude is not None:
+    if body.acceleration is None or loop.stated.effects.gravity_amplitude is not None:
         return 0.0
-    mass = body.mass
+    mass, now = body.mass, body.now
     moved = np.einsum("n,njk->jk", mass, now.displacement)
-    moved -= system.time_step * np.einsum("n,njk->jk", mass, now.velocity)
+    moved -= loop.time_step * np.einsum("n,njk->jk", mass, now.velocity)
     return float((moved * body.acceleration).sum())
 
 
-def hourglass_energy(system: ExplicitSystem, body: LaneBody, now: BodyState) -> float:
+def hourglass_energy(loop: Loop, body: LaneBody) -> float:
     """½ u · K_hourglass u, of the displacement in the block frame [N mm].
 
     The displacement of small rotation has moved on by one step since the forces were taken:
     it is stepped back.
     """
-    rows = body.hourglass
+    rows, now = body.hourglass, body.now
     if rows is None:
         return 0.0
     local = now.local_displacement
     if now.frame is None:
-        local = local - system.time_step * now.velocity
+        local = local - loop.time_step * now.velocity
     force = aligned_zeros(local.shape)
-    system.kernels.stiffness_product(
+    loop.kernels.stiffness_product(
         *rows.packed,
         local.ravel(),
         force.ravel(),

@@ -8,8 +8,8 @@ import numpy as np
 
 from fem.explicit.body import LaneBody
 from fem.explicit.kernels.layout import to_lanes
-from fem.explicit.state import Lanes
-from fem.explicit.step import ExplicitSystem, Interaction, placed_internal_force
+from fem.explicit.state import Interaction, Loop
+from fem.explicit.step import placed_internal_force
 from fem.system.system import System, unresisted_motions
 from geometry.mesh import FloatArray, IntArray
 
@@ -59,17 +59,18 @@ class _BoundHold(Interaction):
         self._forces = [f[:, rows].reshape(n, -1) for f, rows in zip(forces, touched, strict=True)]
         self._all = [m.reshape(n, -1) for m in self._all]
 
-    def add_force(self, system: ExplicitSystem, state: Lanes) -> None:
+    def add_force(self, loop: Loop) -> None:
         """Take from the applied forces what moves the cell as a whole."""
         share = np.zeros(len(self._inverse))
-        for k, now in enumerate(state.bodies):
-            assert now.applied_force is not None
-            share += self._applied[k] @ now.applied_force.ravel()
+        for body, applied, every in zip(loop.bodies, self._applied, self._all, strict=True):
+            assert body.now.applied_force is not None
+            share += applied @ body.now.applied_force.ravel()
             # Without block frames K u balances about the reference positions to round-off.
-            if now.frame is not None:
-                share -= self._all[k] @ placed_internal_force(system.bodies[k], now).ravel()
+            if body.now.frame is not None:
+                share -= every @ placed_internal_force(body).ravel()
         size = self._inverse @ share
-        for forces, now in zip(self._forces, state.bodies, strict=True):
+        for forces, body in zip(self._forces, loop.bodies, strict=True):
+            now = body.now
             assert now.applied_force is not None
             now.applied_force -= (size @ forces).reshape(now.applied_force.shape)
 

@@ -15,9 +15,9 @@ from typing import Any
 
 from fem.dynamics import stated_run
 from fem.explicit.output.checkpoint import state_arrays
-from fem.explicit.solve import initial_state, prepare
-from fem.explicit.state import Lanes
-from fem.explicit.step import ExplicitSystem, step
+from fem.explicit.start import prepare
+from fem.explicit.state import Loop
+from fem.explicit.step import step
 from fem.explicit.timed import TimedSystem
 from fem.method import Explicit
 from validation.case import Case, refuse_cell
@@ -61,24 +61,23 @@ def _stated(case: Case) -> TimedSystem:
         return stated_run(case.problem, case.method)
 
 
-def ready(case: Case) -> tuple[ExplicitSystem, Lanes]:
+def ready(case: Case) -> Loop:
     """Model of a case at its first step."""
     statement = _stated(case)
-    system = prepare(statement, time_step=0.5 * statement.critical.critical_time_step)
-    return system, initial_state(system)
+    return prepare(statement, time_step=0.5 * statement.critical.critical_time_step)
 
 
-def take_steps(system: ExplicitSystem, state: Lanes) -> float:
+def take_steps(loop: Loop) -> float:
     """Do some steps; CPU seconds of one."""
     start = time.thread_time()
     for _ in range(TIMED_STEPS):
-        step(system, state)
+        step(loop)
     return (time.thread_time() - start) / TIMED_STEPS
 
 
-def _bytes(system: ExplicitSystem, state: Lanes) -> int:
-    arrays = sum(a.nbytes for a in state_arrays(system, state).values())
-    return arrays + sum(body.constant_bytes for body in system.bodies)
+def _bytes(loop: Loop) -> int:
+    arrays = sum(a.nbytes for a in state_arrays(loop).values())
+    return arrays + sum(body.constant_bytes for body in loop.bodies)
 
 
 @dataclass(frozen=True)
@@ -99,10 +98,10 @@ class EffectStudy(CaseStudy):
         """Costs of a design and, where asked for, its answer."""
         case, base = self.case(number), self.case(0)
         if number == 0:
-            system, state = ready(case)
-            cost: dict[str, Any] = {"bytes": _bytes(system, state)}
-            take_steps(system, state)
-            cost["seconds_per_step"] = min(take_steps(system, state) for _ in range(ROUNDS))
+            loop = ready(case)
+            cost: dict[str, Any] = {"bytes": _bytes(loop)}
+            take_steps(loop)
+            cost["seconds_per_step"] = min(take_steps(loop) for _ in range(ROUNDS))
         else:
             changes = [change.as_json() for change in key_changes(base, case)]
             cost = {"changes": changes, **_measured(base, case)}
@@ -188,16 +187,13 @@ def _answer(case: Case) -> Quantities:
 
 def _measured(case: Case, without: Case) -> dict[str, float]:
     """Costs of a case over those without one of its effects."""
-    system, state = ready(case)
-    plain_system, plain_state = ready(without)
-    take_steps(system, state)
-    take_steps(plain_system, plain_state)
-    rounds = [
-        (take_steps(plain_system, plain_state), take_steps(system, state)) for _ in range(ROUNDS)
-    ]
+    loop, plain_loop = ready(case), ready(without)
+    take_steps(loop)
+    take_steps(plain_loop)
+    rounds = [(take_steps(plain_loop), take_steps(loop)) for _ in range(ROUNDS)]
     plain, mine = (min(column) for column in zip(*rounds, strict=True))
     return {
         "step": mine / plain,
-        "memory": _bytes(system, state) / _bytes(plain_system, plain_state),
-        "time_step": system.time_step / plain_system.time_step,
+        "memory": _bytes(loop) / _bytes(plain_loop),
+        "time_step": loop.time_step / plain_loop.time_step,
     }

@@ -1,0 +1,114 @@
+"""The start of an explicit run: its arrays at time 0."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numba
+import numpy as np
+
+from fem.explicit.body import LaneBody, make_body
+from fem.explicit.damping import applied_forces
+from fem.explicit.kernels import PARALLEL, SERIAL
+from fem.explicit.state import BodyState, Loop, initial_body_state
+from fem.explicit.step import (
+    gravity_at,
+    placed_internal_force,
+    set_applied_force,
+    set_internal_force,
+)
+from fem.explicit.timed import TimedSystem
+from fem.system.time_step import TimeStepError
+from geometry.mesh import FloatArray
+
+
+def prepare(
+    stated: TimedSystem,
+    *,
+    time_step: float,
+    threads: int = 1,
+    displacements: Sequence[FloatArray] | None = None,
+    velocities: Sequence[FloatArray] | None = None,
+) -> Loop:
+    """Make a timed system ready for the loop, at time 0.
+
+    Velocities are those half a step earlier, v_{-½} = v_0 - ½ Δt a_0.
+
+    Parameters
+    ----------
+    stated
+        What is computed.
+    time_step
+        [s]
+    threads
+        With one thread the serial loops run, with more those of shared rows.
+    displacements, velocities
+        One array for each group, world axes, (n_copies, n_nodes, 3); None: at rest.
+    """
+    if threads < 1:
+        raise TimeStepError(f"threads: got {threads}, expected at least 1")
+    if threads > 1:
+        numba.set_num_threads(min(threads, numba.config.NUMBA_NUM_THREADS))
+    n, effects = len(stated.bodies), stated.effects
+    bodies = tuple(
+        make_body(stated, k, touched_nodes=[i.touched_nodes(k) for i in stated.interactions])
+        for k in range(n)
+    )
+    loop = Loop(
+        stated=stated,
+        bodies=bodies,
+        time_step=time_step,
+        kernels=SERIAL if threads == 1 else PARALLEL,
+        interactions=tuple(i.bind(bodies) for i in stated.interactions),
+        mass_damping=0.0 if effects.adaptive_mass_damping is not None else effects.mass_damping,
+    )
+    moved = [None] * n if displacements is None else displacements
+    moving = [None] * n if velocities is None else velocities
+    for body, u, v in zip(bodies, moved, moving, strict=True):
+        body.now = initial_body_state(body, effects, u, v)
+        set_internal_force(loop, body, sample=False)
+        if body.now.viscous is not None or body.now.stiffness_damping is not None:
+            # What dampers keep is the start now: its whole strain is not one step's rate.
+            set_internal_force(loop, body, sample=False)
+        forget_rates(body.now)
+        set_applied_force(loop, body, 0.0)
+    for interaction in loop.interactions:
+        interaction.add_force(loop)
+    for body in bodies:
+        body.now.velocity -= 0.5 * time_step * acceleration(loop, body)
+        _stop_supported(body)
+    return loop
+
+
+def forget_rates(now: BodyState) -> None:
+    """Start rates from zero: no step came before the first evaluation, and nothing is lost yet."""
+    if now.elastic_before is not None:
+        now.elastic_before.force[:] = now.internal_force
+    for damper in (now.stiffness_damping, now.viscous):
+        if damper is not None:
+            damper.dissipated[:] = 0.0
+
+
+def acceleration(loop: Loop, body: LaneBody) -> FloatArray:
+    """Accelerations of the forces that the state has at time 0, placement frame, as velocities."""
+    force = applied_forces(body) - placed_internal_force(body)
+    result: FloatArray = force / body.mass[:, None, None]
+    falling = None if body.acceleration is None else gravity_at(loop, body, 0.0)
+    if falling is not None:
+        result += falling
+    if loop.mass_damping is not None:
+        result -= loop.mass_damping * body.now.velocity
+    return result
+
+
+def _stop_supported(body: LaneBody) -> None:
+    """Remove the supported components of the first velocity: supports start from rest."""
+    flat, held = body.now.velocity.ravel(), body.held
+    if held is None:
+        return
+    flat[held.still.index] = 0.0
+    body.now.displacement.ravel()[held.still.index] = 0.0
+    index = held.base[:, None] + body.lanes * np.arange(3)
+    for k in range(len(index)):
+        n = held.direction[k]
+        flat[index[k]] -= n * (n @ flat[index[k]])
