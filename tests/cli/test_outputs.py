@@ -8,9 +8,11 @@ import sys
 from pathlib import Path
 
 import pytest
+import typer
 
 from tests.support.coarse_tubes import SMALL
 from validation import InputError, builtin_names, builtin_text
+from validation.cli.app import app, described
 from validation.output.outputs import Outputs
 
 
@@ -71,6 +73,19 @@ def test_version_and_documented_exit_status(tubelock) -> None:
     said = " ".join(tubelock("--help")[1].split())
     for words in ("Exit status: 0 done", "2 input error", "130 interrupted", "NO_COLOR"):
         assert words in said
+    assert "Parts:" in tubelock("reproduce", "--help")[1]
+
+
+def test_every_option_of_every_command_is_explained() -> None:
+    commands = dict(typer.main.get_command(app).commands)  # type: ignore[attr-defined]
+    commands |= commands.pop("reproduce").commands
+    silent = {
+        f"{name} {option.name}"
+        for name, command in commands.items()
+        for option in described(command).params
+        if not option.help
+    }
+    assert silent == set()
 
 
 def _offered(shell: str, line: str) -> list[str]:

@@ -145,11 +145,11 @@ for _subject, _commands in _COMMANDS.items():
     for _name, _function in _commands.items():
         app.command(_name, rich_help_panel=_subject, cls=Command)(command(_function))
 for _function in _PARTS:
-    reproduce.command(cls=Command)(command(_function))
+    reproduce.command(rich_help_panel="Parts", cls=Command)(command(_function))
 reproduce.callback(
     invoke_without_command=True,
     help="Reproduce the paper: the full report, or one of its parts.",
-)(paper.report)
+)(command(paper.report, more=False))
 app.add_typer(reproduce, name="reproduce", rich_help_panel="Verification")
 
 

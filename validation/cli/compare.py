@@ -3,9 +3,6 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
-
-import typer
 
 from validation.cli.options import (
     AutoOption,
@@ -14,7 +11,6 @@ from validation.cli.options import (
     SceneArgument,
     SetOption,
     decided,
-    folder_option,
     scene_outputs,
 )
 
@@ -24,19 +20,24 @@ def compare(
     *,
     settings: SetOption = None,
     json: JsonOption = None,
-    output: Annotated[Path | None, folder_option("the figure", "out/SCENE-compare")] = None,
-    explicit: Annotated[
-        bool, typer.Option(help="Also run a quasi-static explicit analysis.")
-    ] = False,
-    why: Annotated[
-        bool, typer.Option("--why", help="Also solve the steps from rigid to deformable blocks.")
-    ] = False,
+    output: Path | None = None,
+    explicit: bool = False,
+    why: bool = False,
     auto: AutoOption = None,
     keep: KeepOption = None,
 ) -> None:
     """Compare rigid and finite-element results on the same facets.
 
     Prints tables and a conclusion; with --why the influence of each modelling assumption.
+
+    Parameters
+    ----------
+    output : -o DIR
+        Folder for the figure; out/SCENE-compare unless --json is given.
+    explicit : --explicit/--no-explicit
+        Also run a quasi-static explicit analysis.
+    why
+        Also solve the steps from rigid to deformable blocks.
     """
     from geometry.machine.system import peak_memory_mb
     from validation.case import load_case, require_deformable, with_auto

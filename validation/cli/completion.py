@@ -29,6 +29,11 @@ def complete_effects(incomplete: str) -> list[str]:
     return [name for name in EffectName if name.startswith(incomplete)]
 
 
+def complete_flavours(incomplete: str) -> list[str]:
+    """Flavours of decks."""
+    return [word for word in ("general", "standard", "calculix") if word.startswith(incomplete)]
+
+
 def complete_settings(ctx: Any, incomplete: str) -> list[str]:
     """Keys that the scene on the command line may have, as ``section.key=``."""
     keys = _keys_of(ctx.params.get("scene"))

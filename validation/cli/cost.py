@@ -3,17 +3,11 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
-
-import typer
 
 from validation.cli.options import (
-    COST_STORE,
-    CostStoreOption,
     JsonOption,
     SceneArgument,
     SetOption,
-    folder_option,
     method_options,
     scene_outputs,
 )
@@ -24,16 +18,23 @@ def cost(
     scene: SceneArgument,
     *,
     settings: SetOption = None,
-    quick: Annotated[
-        bool, typer.Option("--quick", help="Coarse meshes only; takes seconds.")
-    ] = False,
+    quick: bool = False,
     json: JsonOption = None,
-    output: Annotated[Path | None, folder_option("the figure", "out/SCENE-cost")] = None,
-    store: CostStoreOption = COST_STORE,
+    output: Path | None = None,
+    store: Path = Path("out/cost.jsonl"),
 ) -> None:
     """Measure computational cost versus accuracy.
 
     Runs every method on a sequence of meshes; prints and plots error against CPU time.
+
+    Parameters
+    ----------
+    quick
+        Coarse meshes only; takes seconds.
+    output : -o DIR
+        Folder for the figure; out/SCENE-cost unless --json is given.
+    store : FILE.jsonl
+        Store of the measurements of `cost`.
     """
     from validation.case import load_case
     from validation.output.console import following

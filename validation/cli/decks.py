@@ -7,13 +7,13 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from validation.cli.completion import complete_flavours
 from validation.cli.options import (
     JsonOption,
     SceneArgument,
     SetOption,
     exit_by,
     method_options,
-    output_option,
 )
 from validation.errors import InputError
 
@@ -23,34 +23,26 @@ if TYPE_CHECKING:
 
 def export(
     scene: SceneArgument,
-    output: Annotated[
-        Path,
-        output_option(
-            "FILE.inp|obj|json",
-            "File to write: an input deck, or blocks as OBJ or as an assembly of compas.",
-        ),
-    ],
-    flavour: Annotated[
-        str | None,
-        typer.Option(
-            metavar="general|standard|calculix",
-            help="general: Abaqus/Explicit, general contact; standard: Abaqus/Standard, a static "
-            "step, contact pairs; calculix: no parts or instances. Default: as fem.method; static: "
-            "standard, explicit: general.",
-            autocompletion=lambda incomplete: [
-                word for word in ("general", "standard", "calculix") if word.startswith(incomplete)
-            ],
-        ),
-    ] = None,
     *,
+    output: Path,
+    flavour: Annotated[str | None, typer.Option(autocompletion=complete_flavours)] = None,
     settings: SetOption = None,
-    verbose: Annotated[
-        bool, typer.Option("-v", "--verbose", help="Print how often each keyword occurs.")
-    ] = False,
+    verbose: bool = False,
 ) -> None:
     """Write an input deck, or the blocks as OBJ or compas JSON.
 
     Decks are for Abaqus/Standard, Abaqus/Explicit or CalculiX.
+
+    Parameters
+    ----------
+    output : -o FILE.inp|obj|json
+        File to write: an input deck, or blocks as OBJ or as an assembly of compas.
+    flavour : general|standard|calculix
+        general: Abaqus/Explicit, general contact; standard: Abaqus/Standard, a static step, contact
+        pairs; calculix: no parts or instances. Default: as fem.method; static: standard, explicit:
+        general.
+    verbose : -v
+        Print how often each keyword occurs.
     """
     from fem.decks.deck import Flavour
     from validation.case import load_case
@@ -95,35 +87,32 @@ def _export_blocks(file: Case, output: Path) -> None:
         outputs.tell_keys("blocks")
 
 
-UnitsOption = Annotated[
-    str, typer.Option("--units", metavar="mm|cm|m|inch", help="Unit of the file.")
-]
-UpOption = Annotated[str, typer.Option("--up", metavar="y|z", help="Axis that points up.")]
-
-
 def _one_of(option: str, got: str, allowed: tuple[str, ...]) -> None:
     if got not in allowed:
         raise InputError(f"{option} {got}: expected one of {', '.join(allowed)}")
 
 
 def check(
-    file: Annotated[
-        Path,
-        typer.Argument(metavar="FILE", help="Blocks: STL, OBJ, STEP, JSON, …; or a scene: TOML."),
-    ],
-    units: UnitsOption = "mm",
-    up: UpOption = "z",
+    file: Path,
+    *,
+    units: str = "mm",
+    up: str = "z",
     json: JsonOption = None,
-    repair: Annotated[
-        Path | None,
-        typer.Option(
-            "--repair",
-            metavar="NEW.obj|json",
-            help="Mend duplicate or turned triangles and flat holes, and write the blocks in mm.",
-        ),
-    ] = None,
+    repair: Path | None = None,
 ) -> None:
-    """Check a file of blocks, or those of a scene: faults, overlaps, gaps; repair a file."""
+    """Check a file of blocks, or those of a scene: faults, overlaps, gaps; repair a file.
+
+    Parameters
+    ----------
+    file : FILE
+        Blocks: STL, OBJ, STEP, JSON, …; or a scene: TOML.
+    units : mm|cm|m|inch
+        Unit of the file.
+    up : y|z
+        Axis that points up.
+    repair : NEW.obj|json
+        Mend duplicate or turned triangles and flat holes, and write the blocks in mm.
+    """
     from validation.output.console import following
     from validation.output.outputs import Outputs
     from validation.output.solids import check_file, write_repaired
@@ -174,32 +163,30 @@ def _check_scene(file: Path, json: str | None) -> None:
 
 @method_options("fem", "mesh", "accuracy", "max_work", "max_seconds", "max_memory", of_scene=False)
 def deck(
-    file: Annotated[
-        Path, typer.Argument(metavar="FILE", help="Input deck of Abaqus or CalculiX (.inp).")
-    ],
-    write: Annotated[
-        Path | None,
-        typer.Option("--write", metavar="FILE.inp", help="Write it again for its program."),
-    ] = None,
-    run: Annotated[
-        bool, typer.Option("--run", help="Solve its step and print the answer.")
-    ] = False,
-    dialect: Annotated[
-        str | None,
-        typer.Option(
-            metavar="abaqus|calculix",
-            help="Program whose meaning the keywords have. Default: detected.",
-        ),
-    ] = None,
-    json: JsonOption = None,
+    file: Path,
     *,
-    draw: Annotated[
-        bool,
-        typer.Option("--open", help="Draw blocks, supports and loads: out/NAME/assembly.png."),
-    ] = False,
+    write: Path | None = None,
+    run: bool = False,
+    dialect: str | None = None,
+    json: JsonOption = None,
+    open_: bool = False,
     asked: dict[str, Any],
 ) -> None:
-    """Read an Abaqus or CalculiX deck, check it, print a summary."""
+    """Read an Abaqus or CalculiX deck, check it, print a summary.
+
+    Parameters
+    ----------
+    file : FILE
+        Input deck of Abaqus or CalculiX (.inp).
+    write : FILE.inp
+        Write it again for its program.
+    run
+        Solve its step and print the answer.
+    dialect : abaqus|calculix
+        Program whose meaning the keywords have. Default: detected.
+    open_
+        Draw blocks, supports and loads: out/NAME/assembly.png.
+    """
     from validation.output.console import solver_progress
     from validation.output.decks import (
         deck_command,
@@ -217,7 +204,7 @@ def deck(
         _one_of("--dialect", dialect, ("abaqus", "calculix"))
     if asked and not run:
         raise InputError(f"--{next(iter(asked)).replace('_', '-')}: needs --run")
-    picture = Path("out", file.stem, "assembly.png") if draw else None
+    picture = Path("out", file.stem, "assembly.png") if open_ else None
     files = {"--write": write, "--open": picture}
     with Outputs(json, files=files, reads=(file,)) as outputs:
         stated = read_file(file, dialect)

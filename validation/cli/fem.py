@@ -5,9 +5,7 @@ from __future__ import annotations
 import shlex
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
-
-import typer
+from typing import TYPE_CHECKING, Any
 
 from validation.cli.options import (
     AutoOption,
@@ -19,7 +17,6 @@ from validation.cli.options import (
     SetOption,
     decided,
     exit_by,
-    folder_option,
     method_options,
     not_reached,
     scene_outputs,
@@ -41,14 +38,9 @@ def fem(
     *,
     settings: SetOption = None,
     json: JsonOption = None,
-    output: Annotated[
-        Path | None, folder_option("pictures, JSON, history", "out/SCENE-fem")
-    ] = None,
+    output: Path | None = None,
     fields: FieldsOption = False,
-    resume: Annotated[
-        Path | None,
-        typer.Option("--resume", metavar="CHECKPOINT", help="Continue an interrupted run."),
-    ] = None,
+    resume: Path | None = None,
     auto: AutoOption = None,
     keep: KeepOption = None,
     combinations: CombinationsOption = False,
@@ -56,6 +48,13 @@ def fem(
     """Finite-element analysis of deformable blocks.
 
     Static or explicit: displacements, principal stresses, contact pressures, energies.
+
+    Parameters
+    ----------
+    output : -o DIR
+        Folder for pictures, JSON, history; out/SCENE-fem unless --json is given.
+    resume : CHECKPOINT
+        Continue an interrupted run.
     """
     from validation.case import load_case, with_auto
     from validation.output.command_files import write_command_files

@@ -37,12 +37,6 @@ SetOption = Annotated[
         autocompletion=complete_settings,
     ),
 ]
-#: Where `cost` keeps its measurements unless told.
-COST_STORE = Path("out/cost.jsonl")
-CostStoreOption = Annotated[
-    Path,
-    typer.Option("--store", metavar="FILE.jsonl", help="Store of the measurements of `cost`."),
-]
 AutoOption = Annotated[
     str | None,
     typer.Option(
@@ -85,16 +79,6 @@ SchedulerOption = Annotated[
 ]
 
 
-def output_option(kind: str, what: str) -> Any:
-    """Return an option for the file or folder to write, such as ``FILE.html``."""
-    return typer.Option("-o", "--output", metavar=kind, help=what)
-
-
-def folder_option(what: str, default: str) -> Any:
-    """``-o DIR`` for a folder of ``what``; the default is a folder below ``out``."""
-    return output_option("DIR", f"Folder for {what}; {default} unless --json is given.")
-
-
 def scene_outputs(
     file: Case,
     json: str | None,
@@ -104,20 +88,14 @@ def scene_outputs(
     ending: str = "",
     **more: Any,
 ) -> Outputs:
-    """Outputs of a scene, in the folder asked for; ``out/SCENE`` where neither that nor JSON is."""
-    return folder_outputs(f"{file.name}{ending}", json, output, names, scene=file, **more)
-
-
-def folder_outputs(
-    default: str, json: str | None, output: Path | None, names: tuple[str, ...], **more: Any
-) -> Outputs:
-    """Outputs in the folder asked for; in ``out/DEFAULT`` where neither that nor JSON is."""
+    """Outputs in the folder that is stated; in ``out/SCENE`` where neither that nor JSON is."""
     from validation.output.outputs import Outputs
 
-    folder = Path("out") / default if output is None and json is None else output
+    default = Path("out") / f"{file.name}{ending}"
+    folder = default if output is None and json is None else output
     if more.get("fields") and folder is None:
         raise InputError("--fields: got no folder for them; name one with -o DIR")
-    return Outputs(json, folder, names, **more)
+    return Outputs(json, folder, names, scene=file, **more)
 
 
 def decided(
@@ -220,8 +198,12 @@ def method_options(section: str, *names: str, of_scene: bool = True) -> Callable
     return mark
 
 
-def command(function: Callable[..., None]) -> Callable[..., None]:
-    """Return a command that takes ``--quiet`` as well."""
+def command(function: Callable[..., None], *, more: bool = True) -> Callable[..., None]:
+    """Return a command whose options are described below ``Parameters`` of its docstring.
+
+    Those without an annotation of typer are named there, ``name : -o METAVAR``, and explained:
+    keyword-only ones are options. ``more``: it takes ``--quiet`` as well.
+    """
 
     @functools.wraps(function)
     def run(*arguments: Any, quiet: bool = False, **options: Any) -> None:
@@ -230,14 +212,53 @@ def command(function: Callable[..., None]) -> Callable[..., None]:
         console.quiet.set(quiet)
         function(*arguments, **options)
 
+    run.__doc__, described = parameters(inspect.getdoc(function) or "")
     stated = inspect.signature(function, eval_str=True)
+    parts = [
+        part.replace(annotation=_described(part, *described[part.name]))
+        if part.name in described
+        else part
+        for part in stated.parameters.values()
+    ]
     kind = inspect.Parameter.KEYWORD_ONLY
-    added = inspect.Parameter("quiet", kind, default=False, annotation=QuietOption)
-    signature = stated.replace(parameters=[*stated.parameters.values(), added])
+    if more:
+        parts.append(inspect.Parameter("quiet", kind, default=False, annotation=QuietOption))
     # typer asks both what a command takes.
-    run.__signature__ = signature  # type: ignore[attr-defined]
-    run.__annotations__ = function.__annotations__ | {"quiet": QuietOption}
+    run.__signature__ = stated.replace(parameters=parts)  # type: ignore[attr-defined]
+    run.__annotations__ = {part.name: part.annotation for part in parts}
     return run
+
+
+def parameters(text: str) -> tuple[str, dict[str, tuple[str, str]]]:
+    """Split a docstring: the text, and by parameter what follows its colon, and its meaning."""
+    text, _, rest = text.partition("\n\nParameters\n----------\n")
+    result, name = dict[str, tuple[str, str]](), ""
+    for line in rest.splitlines():
+        if not line.startswith(" "):
+            name, _, how = line.partition(" : ")
+            result[name] = how, ""
+        else:
+            how, words = result[name]
+            result[name] = how, f"{words} {line.strip()}".strip()
+    return text, result
+
+
+def _described(part: inspect.Parameter, how: str, words: str) -> Any:
+    """Annotation of a parameter with its options, its metavar and its help."""
+    names = [word for word in how.split(" ") if word.startswith("-")]
+    metavar = " ".join(word for word in how.split(" ") if word not in names) or None
+    plain = f"--{part.name.rstrip('_').replace('_', '-')}"
+    if not any(name.startswith("--") for name in names):
+        names.append(plain)
+    known: Any = getattr(part.annotation, "__metadata__", [None])[0]
+    if part.kind is not inspect.Parameter.KEYWORD_ONLY:
+        made = typer.Argument(metavar=metavar, help=words)
+    else:
+        made = typer.Option(*names, metavar=metavar, help=words)
+    for name in ("autocompletion", "min", "max"):
+        setattr(made, name, getattr(known, name, None))
+    kind = part.annotation if known is None else part.annotation.__origin__
+    return Annotated[kind, made]
 
 
 def exit_by(answer: Answer, method: Method) -> None:

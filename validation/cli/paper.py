@@ -3,27 +3,13 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
 
 import typer
 
-from validation.cli.options import JsonOption, WorkersOption, output_option
+from validation.cli.options import JsonOption, WorkersOption
 from validation.errors import InputError
 
 _DATA = Path("out/paper")
-
-FemOption = Annotated[
-    bool, typer.Option("--fem", help="Also run the finite-element analyses (some minutes).")
-]
-FullOption = Annotated[
-    bool, typer.Option("--full", help="Use fine meshes, also in the parameter study.")
-]
-QuickOption = Annotated[
-    bool, typer.Option("--quick", help="Rigid blocks only (three CPU minutes).")
-]
-NamesArgument = Annotated[
-    list[str] | None, typer.Argument(metavar="[NAME]...", help="Names to evaluate; by default all.")
-]
 
 
 def tables(json: JsonOption = None) -> None:
@@ -44,14 +30,24 @@ def tables(json: JsonOption = None) -> None:
 
 
 def figures(
-    output: Annotated[Path, output_option("DIR", "Folder for the figures.")] = _DATA,
     *,
-    fem: FemOption = False,
-    full: FullOption = False,
+    output: Path = _DATA,
+    fem: bool = False,
+    full: bool = False,
     workers: WorkersOption = None,
     json: JsonOption = None,
 ) -> None:
-    """Draw the paper's figures and its cost table from results of tubelock."""
+    """Draw the paper's figures and its cost table from results of tubelock.
+
+    Parameters
+    ----------
+    output : -o DIR
+        Folder for the figures.
+    fem
+        Also run the finite-element analyses (some minutes).
+    full
+        Use fine meshes, also in the parameter study.
+    """
     from dataclasses import asdict
 
     from validation.output.console import following
@@ -72,10 +68,10 @@ def figures(
 
 
 def claims(
-    names: NamesArgument = None,
+    names: list[str] | None = None,
     *,
-    fem: FemOption = False,
-    full: FullOption = False,
+    fem: bool = False,
+    full: bool = False,
     workers: WorkersOption = None,
     json: JsonOption = None,
 ) -> None:
@@ -83,6 +79,15 @@ def claims(
 
     Prints the number behind each verdict. Statements whose analysis was not requested are
     "not computed here".
+
+    Parameters
+    ----------
+    names : [NAME]...
+        Names to evaluate; by default all.
+    fem
+        Also run the finite-element analyses (some minutes).
+    full
+        Use fine meshes, also in the parameter study.
     """
     from validation.output.console import following
     from validation.output.outputs import Outputs
@@ -100,20 +105,16 @@ def claims(
         outputs.write_json(result)
 
 
-def deformable(
-    output: Annotated[Path, output_option("DIR", "Folder for the figures.")] = _DATA,
-    *,
-    rows: Annotated[
-        Path | None,
-        typer.Option(
-            "--rows",
-            metavar="FILE.csv",
-            help="Rows of `tubelock sweep paper-480-fem --csv`; by default those in tubelock.",
-        ),
-    ] = None,
-    json: JsonOption = None,
-) -> None:
-    """Judge the paper's geometric statements by rigid and by deformable blocks."""
+def deformable(*, output: Path = _DATA, rows: Path | None = None, json: JsonOption = None) -> None:
+    """Judge the paper's geometric statements by rigid and by deformable blocks.
+
+    Parameters
+    ----------
+    output : -o DIR
+        Folder for the figures.
+    rows : FILE.csv
+        Rows of `tubelock sweep paper-480-fem --csv`; by default those in tubelock.
+    """
     from validation.output.outputs import Outputs
     from validation.paper import deformable_study as study
     from validation.paper.shown.deformable_study import draw_deformable_study
@@ -129,8 +130,14 @@ def deformable(
         outputs.write_json(data)
 
 
-def errata(names: NamesArgument = None, *, json: JsonOption = None) -> None:
-    """List the errors in the paper, each with a computation."""
+def errata(names: list[str] | None = None, *, json: JsonOption = None) -> None:
+    """List the errors in the paper, each with a computation.
+
+    Parameters
+    ----------
+    names : [NAME]...
+        Names to evaluate; by default all.
+    """
     from validation.output.console import following
     from validation.output.outputs import Outputs
     from validation.paper import errata
@@ -148,13 +155,23 @@ def errata(names: NamesArgument = None, *, json: JsonOption = None) -> None:
 
 def report(
     context: typer.Context,
-    output: Annotated[Path, output_option("DIR", "Folder of the report.")] = Path("out/report"),
     *,
-    quick: QuickOption = False,
-    full: FullOption = False,
+    output: Path = Path("out/report"),
+    quick: bool = False,
+    full: bool = False,
     workers: WorkersOption = None,
 ) -> None:
-    """Write a report of all parts; index.html works offline."""
+    """Write a report of all parts; index.html works offline.
+
+    Parameters
+    ----------
+    output : -o DIR
+        Folder of the report.
+    quick
+        Rigid blocks only (three CPU minutes).
+    full
+        Use fine meshes, also in the parameter study.
+    """
     if context.invoked_subcommand is not None:
         return  # it stands before every part, and is the whole where none is named
     from validation.output.console import text_console

@@ -5,9 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
-
-import typer
+from typing import TYPE_CHECKING, Any
 
 from validation.cli.options import (
     CombinationsOption,
@@ -15,7 +13,6 @@ from validation.cli.options import (
     JsonOption,
     SceneArgument,
     SetOption,
-    folder_option,
     method_options,
     scene_outputs,
     solve_combinations,
@@ -30,53 +27,39 @@ if TYPE_CHECKING:
 #: Files of the stages of a construction, and of other numbers of layers.
 STAGES, LAYERS = "stages.jsonl", "layers.jsonl"
 
-UnlockOption = Annotated[
-    bool,
-    typer.Option(
-        "--layers-to-unlock",
-        help="Also determine the number of layers at which the tube ceases to be locked.",
-    ),
-]
-RefineOption = Annotated[
-    bool, typer.Option("--refine", help="h-refinement check: also solve with half the facet size.")
-]
-DisassembleOption = Annotated[
-    bool,
-    typer.Option(
-        "--disassemble",
-        help="Also test of a tube how far all blocks can move outward, rings released.",
-    ),
-]
-StagesOption = Annotated[
-    bool,
-    typer.Option(
-        "--stages",
-        help="Whether each stage of the construction stands, and its least propping: in the order "
-        "of [stages], or layer by layer.",
-    ),
-]
-
 
 @method_options("rigid", "take_out", "max_work", "max_seconds", "max_memory")
 def mbd(
     scene: SceneArgument,
+    *,
     settings: SetOption = None,
     json: JsonOption = None,
-    output: Annotated[
-        Path | None, folder_option("pictures, JSON and joint forces", "out/SCENE")
-    ] = None,
-    *,
+    output: Path | None = None,
     fields: FieldsOption = False,
-    unlock: UnlockOption = False,
-    refine: RefineOption = False,
-    disassemble: DisassembleOption = False,
-    stages: StagesOption = False,
+    layers_to_unlock: bool = False,
+    refine: bool = False,
+    disassemble: bool = False,
+    stages: bool = False,
     combinations: CombinationsOption = False,
 ) -> None:
     """Rigid-block analysis: locked or not, equilibrium, pressures.
 
     Prints the kinematic classification with its proof, the equilibrium residual and the contact
     pressures.
+
+    Parameters
+    ----------
+    output : -o DIR
+        Folder for pictures, JSON and joint forces; out/SCENE unless --json is given.
+    layers_to_unlock
+        Also determine the number of layers at which the tube ceases to be locked.
+    refine
+        h-refinement check: also solve with half the facet size.
+    disassemble
+        Also test of a tube how far all blocks can move outward, rings released.
+    stages
+        Whether each stage of the construction stands, and its least propping: in the order of
+        [stages], or layer by layer.
     """
     from validation.case import load_case
     from validation.output.command_files import FILES, write_command_files
@@ -85,7 +68,11 @@ def mbd(
     case = load_case(scene, settings or (), method="rigid")
     if stages and "stages" not in case.keys:
         case = case.changed({"stages.order": "layers"})
-    asked = {"--layers-to-unlock": unlock, "--refine": refine, "--disassemble": disassemble}
+    asked = {
+        "--layers-to-unlock": layers_to_unlock,
+        "--refine": refine,
+        "--disassemble": disassemble,
+    }
     if combinations:
         solve_combinations(case, json, output, {"--fields": fields, **asked})
         return

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
 
 import typer
 
@@ -11,7 +10,6 @@ from validation.cli.options import (
     JsonOption,
     SceneArgument,
     SetOption,
-    folder_option,
     method_options,
     scene_outputs,
 )
@@ -19,18 +17,20 @@ from validation.cli.options import (
 
 def stability(
     *,
-    only: Annotated[
-        list[str] | None,
-        typer.Option("--only", metavar="NAME", help="Case or subject to run; repeatable."),
-    ] = None,
-    listed: Annotated[
-        bool, typer.Option("--list", help="List the cases and their laws without running them.")
-    ] = False,
+    only: list[str] | None = None,
+    list_: bool = False,
     json: JsonOption = None,
 ) -> None:
     """Run the numerical robustness suite (no buckling analysis).
 
     Each case has a law, the numbers that verify it, and a verdict.
+
+    Parameters
+    ----------
+    only : NAME
+        Case or subject to run; repeatable.
+    list_
+        List the cases and their laws without running them.
     """
     from validation.output.outputs import Outputs
     from validation.stability import report
@@ -38,7 +38,7 @@ def stability(
 
     cases = chosen(only or ())
     with Outputs(json) as outputs:
-        if listed:
+        if list_:
             report.list_cases(cases, outputs.console)
             outputs.write_json({"cases": [case.as_json() for case in cases]})
             return
@@ -54,19 +54,21 @@ def effects(
     scene: SceneArgument,
     *,
     settings: SetOption = None,
-    tolerance: Annotated[
-        str | None,
-        typer.Option(
-            metavar="1%", help="Change above which an effect is significant; by default 1%."
-        ),
-    ] = None,
+    tolerance: str | None = None,
     json: JsonOption = None,
-    output: Annotated[Path | None, folder_option("figure and rows", "out/SCENE")] = None,
+    output: Path | None = None,
 ) -> None:
     """Measure the influence and the cost of each effect.
 
     Switches off the effects of a scene one at a time, in explicit runs to rest. An interrupted call
     goes on from its rows, in the folder of -o, with the same command.
+
+    Parameters
+    ----------
+    tolerance : 1%
+        Change above which an effect is significant; by default 1%.
+    output : -o DIR
+        Folder for figure and rows; out/SCENE unless --json is given.
     """
     from validation.case import load_case, require_deformable
     from validation.output.console import following

@@ -14,7 +14,6 @@ from validation.cli.options import (
     SetOption,
     exit_by,
     method_options,
-    output_option,
 )
 
 if TYPE_CHECKING:
@@ -22,23 +21,22 @@ if TYPE_CHECKING:
 
 
 def scenes(
-    name: Annotated[
-        str | None,
-        typer.Argument(
-            metavar="[NAME]",
-            help="Print this scene or study as TOML, as a template.",
-            autocompletion=complete_scenes,
-        ),
-    ] = None,
+    name: Annotated[str | None, typer.Argument(autocompletion=complete_scenes)] = None,
     *,
-    studies: Annotated[
-        bool, typer.Option("--studies", help="The built-in parameter studies, for `sweep`.")
-    ] = False,
-    schema: Annotated[
-        bool, typer.Option("--schema", help="Print the JSON schema of scene files, for editors.")
-    ] = False,
+    studies: bool = False,
+    schema: bool = False,
 ) -> None:
-    """List the built-in scenes and studies, or print one as TOML."""
+    """List the built-in scenes and studies, or print one as TOML.
+
+    Parameters
+    ----------
+    name : [NAME]
+        Print this scene or study as TOML, as a template.
+    studies
+        The built-in parameter studies, for `sweep`.
+    schema
+        Print the JSON schema of scene files, for editors.
+    """
     from validation.scene.builtin import builtin_about, builtin_names, builtin_text
 
     if schema:
@@ -58,15 +56,14 @@ def scenes(
         print(f"{known:{width}} {builtin_about(known, kind)}")
 
 
-def show(
-    scene: SceneArgument,
-    output: Annotated[
-        Path | None,
-        output_option("FILE.png", "Picture to write; out/SCENE/assembly.png."),
-    ] = None,
-    settings: SetOption = None,
-) -> None:
-    """Draw a scene: blocks, fixed end rings, load and supports."""
+def show(scene: SceneArgument, *, output: Path | None = None, settings: SetOption = None) -> None:
+    """Draw a scene: blocks, fixed end rings, load and supports.
+
+    Parameters
+    ----------
+    output : -o FILE.png
+        Picture to write; out/SCENE/assembly.png.
+    """
     from validation.case import load_case
     from validation.output.files import require_picture
     from validation.output.outputs import Outputs
@@ -99,21 +96,25 @@ def _draw_scene(file: Case, path: Path) -> None:
 @method_options("fem", "accuracy", "max_work", "max_seconds", "max_memory")
 def report(
     scene: SceneArgument,
-    output: Annotated[
-        Path | None, output_option("FILE.html", "Page to write; out/SCENE/report.html.")
-    ] = None,
+    *,
+    output: Path | None = None,
     settings: SetOption = None,
     json: JsonOption = None,
-    *,
-    quick: Annotated[bool, typer.Option("--quick", help="Rigid blocks only: seconds.")] = False,
-    load_cases: Annotated[
-        bool,
-        typer.Option("--load-cases", help="Also solve a tube under the five load cases."),
-    ] = False,
+    quick: bool = False,
+    load_cases: bool = False,
 ) -> None:
     """Write one HTML page to send: verdicts, pictures, tables.
 
     The page needs no network. Loads side by side are the combinations of the scene, if it has any.
+
+    Parameters
+    ----------
+    output : -o FILE.html
+        Page to write; out/SCENE/report.html.
+    quick
+        Rigid blocks only: seconds.
+    load_cases
+        Also solve a tube under the five load cases.
     """
     from validation.case import load_case
     from validation.errors import InputError
@@ -147,18 +148,21 @@ def report(
 
 def explore(
     scene: SceneArgument,
-    settings: SetOption = None,
     *,
-    host: Annotated[
-        str, typer.Option(metavar="ADDRESS", help="Address to listen to; others may reach it.")
-    ] = "127.0.0.1",
-    port: Annotated[
-        int, typer.Option(metavar="N", min=0, max=65535, help="Port; 0: a free one.")
-    ] = 0,
+    settings: SetOption = None,
+    host: str = "127.0.0.1",
+    port: Annotated[int, typer.Option(min=0, max=65535)] = 0,
 ) -> None:
     """Serve a page with sliders on this machine; Ctrl-C ends it.
 
     Rigid blocks follow the sliders; a button solves deformable ones.
+
+    Parameters
+    ----------
+    host : ADDRESS
+        Address to listen to; others may reach it.
+    port : N
+        Port; 0: a free one.
     """
     from importlib.util import find_spec
 

@@ -16,65 +16,47 @@ from validation.cli.options import (
     SchedulerOption,
     SetOption,
     WorkersOption,
-    folder_option,
-    output_option,
     scene_outputs,
 )
 from validation.errors import InputError
 
 
 def sweep(
-    study: Annotated[
-        str,
-        typer.Argument(
-            metavar="STUDY",
-            help="Built-in study (see `scenes --studies`) or TOML file.",
-            autocompletion=complete_studies,
-        ),
-    ],
+    study: Annotated[str, typer.Argument(autocompletion=complete_studies)],
     *,
     settings: SetOption = None,
-    output: Annotated[
-        Path | None,
-        output_option("FILE.jsonl", "Store of the results; by default out/STUDY.jsonl."),
-    ] = None,
+    output: Path | None = None,
     workers: WorkersOption = None,
     scheduler: SchedulerOption = None,
-    csv: Annotated[
-        Path | None, typer.Option("--csv", metavar="FILE", help="Export all rows as CSV.")
-    ] = None,
-    digits: Annotated[
-        int, typer.Option(metavar="N", min=1, max=17, help="Significant digits of --csv.")
-    ] = 17,
-    rows: Annotated[
-        Path | None,
-        typer.Option(
-            "--rows",
-            metavar="FILE.jsonl",
-            help="Results computed already, also by another version of tubelock.",
-        ),
-    ] = None,
-    plot: Annotated[
-        tuple[str, str] | None,
-        typer.Option(
-            "--plot",
-            metavar="X Y",
-            help="Parameter and measure of the picture; by default the first ones.",
-        ),
-    ] = None,
-    retry_failed: Annotated[
-        bool, typer.Option("--retry-failed", help="Recompute failed designs.")
-    ] = False,
-    judged: Annotated[
-        bool,
-        typer.Option(
-            "--judge",
-            help="Solve the best and the worst design of rigid blocks with deformable ones.",
-        ),
-    ] = False,
+    csv: Path | None = None,
+    digits: Annotated[int, typer.Option(min=1, max=17)] = 17,
+    rows: Path | None = None,
+    plot: tuple[str, str] | None = None,
+    retry_failed: bool = False,
+    judge: bool = False,
     json: JsonOption = None,
 ) -> None:
-    """Run a parameter study, or resume an interrupted one."""
+    """Run a parameter study, or resume an interrupted one.
+
+    Parameters
+    ----------
+    study : STUDY
+        Built-in study (see `scenes --studies`) or TOML file.
+    output : -o FILE.jsonl
+        Store of the results; by default out/STUDY.jsonl.
+    csv : FILE
+        Export all rows as CSV.
+    digits : N
+        Significant digits of --csv.
+    rows : FILE.jsonl
+        Results computed already, also by another version of tubelock.
+    plot : X Y
+        Parameter and measure of the picture; by default the first ones.
+    retry_failed
+        Recompute failed designs.
+    judge
+        Solve the best and the worst design of rigid blocks with deformable ones.
+    """
     import logging
 
     from validation.output.outputs import Outputs
@@ -104,7 +86,7 @@ def sweep(
             results.take(rows)
         again = {"retry_failed": retry_failed}
         with report.goes_on(results), report.sweep_progress(results, **again) as show:
-            swept = run_sweep(results, runner, show, judged=judged, **again)
+            swept = run_sweep(results, runner, show, judged=judge, **again)
         swept.print(outputs.console)
         summary = swept.summary
         if picture is not None:
@@ -134,31 +116,32 @@ def _picture(store: Path, *, asked: bool) -> Path | None:
 def sensitivity(
     scene: SceneArgument,
     *,
-    method: Annotated[
-        Literal["rigid", "fem"],
-        typer.Option(help="rigid: as `mbd`; fem: deformable blocks on the meshes of `fem`."),
-    ] = "rigid",
-    of: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--of", metavar="SECTION.KEY", help="Parameter; repeatable. By default all numbers."
-        ),
-    ] = None,
-    step: Annotated[
-        float, typer.Option(metavar="SHARE", help="Relative step of real parameters.")
-    ] = 0.01,
+    method: Literal["rigid", "fem"] = "rigid",
+    of: list[str] | None = None,
+    step: float = 0.01,
     settings: SetOption = None,
-    workers: Annotated[int, typer.Option(metavar="N", help="Number of processes.")] = 1,
+    workers: int = 1,
     json: JsonOption = None,
-    output: Annotated[
-        Path | None, folder_option("table, picture and rows", "out/SCENE-sensitivity")
-    ] = None,
+    output: Path | None = None,
 ) -> None:
     """Derivatives of the results by the parameters of a scene.
 
     Each comes with its elasticity and the error of the difference quotient.
 
     An interrupted call goes on from its rows, in the folder of -o, with the same command.
+
+    Parameters
+    ----------
+    method
+        rigid: as `mbd`; fem: deformable blocks on the meshes of `fem`.
+    of : SECTION.KEY
+        Parameter; repeatable. By default all numbers.
+    step : SHARE
+        Relative step of real parameters.
+    workers : N
+        Number of processes.
+    output : -o DIR
+        Folder for table, picture and rows; out/SCENE-sensitivity unless --json is given.
     """
     from validation.case import load_case
     from validation.output.console import following
@@ -178,22 +161,11 @@ def sensitivity(
 
 
 def optimise(
-    file: Annotated[str, typer.Argument(metavar="FILE.toml", help="Measures, variables, limits.")],
+    file: str,
     *,
     settings: SetOption = None,
-    output: Annotated[
-        Path | None,
-        output_option(
-            "FILE.jsonl",
-            "Store of the rows; by default out/FILE.jsonl. The picture lies beside it.",
-        ),
-    ] = None,
-    workers: Annotated[
-        int,
-        typer.Option(
-            metavar="N", help="Number of processes; with one each answer guides the next."
-        ),
-    ] = 1,
+    output: Path | None = None,
+    workers: int = 1,
     scheduler: SchedulerOption = None,
     json: JsonOption = None,
 ) -> None:
@@ -202,6 +174,15 @@ def optimise(
     It minimises one measure, or two (Pareto front).
 
     An interrupted search continues with the same command.
+
+    Parameters
+    ----------
+    file : FILE.toml
+        Measures, variables, limits.
+    output : -o FILE.jsonl
+        Store of the rows; by default out/FILE.jsonl. The picture lies beside it.
+    workers : N
+        Number of processes; with one each answer guides the next.
     """
     from validation.output.console import following
     from validation.output.outputs import Outputs
