@@ -80,7 +80,7 @@ def mbd(
         from validation.study.beside_rigid import check_asked
 
         check_asked(case, asked)
-    asks = {STAGES: "stages" in case.keys, LAYERS: unlock}
+    asks = {STAGES: "stages" in case.keys, LAYERS: layers_to_unlock}
     kept = tuple(name for name, on in asks.items() if on)
     with scene_outputs(case, json, output, (*FILES, *kept), fields=fields) as outputs:
         with following(case.name) as show:
