@@ -285,19 +285,12 @@ def _settled(
     weights: FloatArray,
 ) -> Equilibrium:
     """Decide by a growing load where neither forces nor a mechanism are proved."""
-    from mbd.friction.equilibrium import frictional_contacts, without_shear
+    from mbd.friction.equilibrium import frictional_contacts
     from mbd.friction.loading import settled
 
     smooth = frictional_contacts(blocks, contacts, 0.0)
-    rests = settled(without_shear(found), smooth, load, weights)
-    return replace(
-        found,
-        holds=rests.holds,
-        forces=rests.forces[:, 0],
-        residual=rests.residual,
-        status=rests.status,
-        motion=rests.motion,
-    )
+    rests = settled(found.with_tangents, smooth, load, weights)
+    return replace(rests, forces=rests.forces[:, 0])
 
 
 def frictionless_result(
@@ -320,7 +313,7 @@ def frictionless_result(
     lap("jacobian")
     weights = column_weights(norm, contacts.areas)
     balance = equilibrium(contacts.jacobian, force, solver=solver, weights=weights)
-    if not balance.holds and balance.mechanism is None:
+    if not balance.decided:
         balance = _settled(balance, assembly, contacts, force, weights)
     lap("equilibrium")
     many = len(contacts.free_blocks) > MANY_BLOCKS

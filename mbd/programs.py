@@ -11,7 +11,6 @@ with quadratic objectives", arXiv:2405.12762 (2024).
 from __future__ import annotations
 
 import math
-import warnings
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
@@ -117,30 +116,6 @@ def least_conic(
     if work is not None:
         work.conic(result.iterations, constraint.nnz)
     return result
-
-
-def least_quadratic(
-    quadratic: Any,
-    *,
-    equal: Any,
-    target: FloatArray,
-    lower: FloatArray,
-    tolerance: float,
-) -> Any:
-    """Minimise ½ xᵀPx subject to equal x = target, x >= lower (clarabel through qpsolvers)."""
-    import qpsolvers
-
-    stated = qpsolvers.Problem(
-        P=sp.csc_matrix(quadratic),
-        q=np.zeros(len(lower)),
-        A=sp.csc_matrix(equal),
-        b=target,
-        lb=lower,
-    )
-    names = ("tol_gap_abs", "tol_gap_rel", "tol_feas")
-    with warnings.catch_warnings():  # whoever asks judges by the residual
-        warnings.filterwarnings("ignore", message="Clarabel.rs terminated")
-        return qpsolvers.solve_problem(stated, solver="clarabel", **dict.fromkeys(names, tolerance))
 
 
 def least_linear(

@@ -36,7 +36,6 @@ from mbd.building.propping import NO_PROP, least_propping
 from mbd.building.take_out import Removal, WayOut
 from mbd.contacts.jacobian import contact_jacobian, contact_wrenches
 from mbd.contacts.supports import support_wrenches
-from mbd.friction.equilibrium import without_shear
 from mbd.friction.loading import MOST_SECONDS
 from mbd.friction.squeeze import squeeze
 from mbd.frictionless.equilibrium import column_weights, equilibrium
@@ -446,7 +445,7 @@ class Construction:
         stands, forces, sought = Stands.STANDS, None, 0.0
         size = float(np.linalg.norm(load.wrenches[~load.fixed, :3].sum(axis=0)))
         if balance is None and question.smooth.holds:
-            forces = without_shear(question.smooth).forces
+            forces = question.smooth.with_tangents.forces
         elif balance is not None and balance.holds:
             forces, before = balance.forces, allowance().work
             # The last stage, which is the verdict of the whole, has its own limit.

@@ -202,38 +202,6 @@ def _wrenches(assembly: AnyBlocks, contacts: RigidContacts, directions: FloatArr
     return sp.coo_array((values, (rows, columns)), shape=shape).tocsc()
 
 
-@dataclass(frozen=True, kw_only=True)
-class FrictionalEquilibrium:
-    """Whether a load can be carried with friction, and the proof."""
-
-    holds: bool = False
-    """Whether admissible forces balance the load to `EQUILIBRIUM_TOLERANCE`."""
-    forces: FloatArray
-    """(λ_n, λ_1, λ_2) of each contact, inside the cone; (n_contacts, 3) [N]."""
-    residual: float
-    """‖G λ + f‖ / ‖f‖ of those forces (0 for a zero load)."""
-    mechanism: FloatArray | None = None
-    """d with ‖d‖ = 1, fᵀd > 0, on which no admissible force does negative work; (n_rows,)."""
-    work: float = 0.0
-    """fᵀd / ‖f‖ of the mechanism."""
-    smallest_contact_work: float = 0.0
-    """Least work of an admissible unit force on the mechanism; zero to round-off."""
-    motion: FloatArray | None = None
-    """How blocks move that do not come to rest, where nothing is proved, (n_rows,)."""
-    status: str
-    """Verdict in words."""
-
-
-def without_shear(found: Equilibrium) -> FrictionalEquilibrium:
-    """Return an equilibrium without friction as one with it: admissible whatever the friction."""
-    return FrictionalEquilibrium(
-        holds=found.holds,
-        forces=np.column_stack([found.forces, np.zeros((len(found.forces), 2))]),
-        residual=found.residual,
-        status=found.status,
-    )
-
-
 def admissible_cones(contacts: FrictionalContacts) -> tuple[sp.csc_array, list[Any]]:
     """Rows R and cones K such that R x in K says that the forces x are admissible."""
     import clarabel
@@ -341,7 +309,7 @@ def _checked_mechanism(
 
 def frictional_equilibrium(
     contacts: FrictionalContacts, load: FloatArray, *, weights: FloatArray | None = None
-) -> FrictionalEquilibrium:
+) -> Equilibrium:
     """Smallest admissible forces that balance a load (n_rows,) [N], or a certified mechanism.
 
     Smallest by the column scaling of `mbd.frictionless.equilibrium.column_weights`,
@@ -352,10 +320,10 @@ def frictional_equilibrium(
     if size == 0.0:
         nothing = np.zeros((contacts.n_contacts, 3))
         status = "equilibrium: no load"
-        return FrictionalEquilibrium(holds=True, forces=nothing, residual=0.0, status=status)
+        return Equilibrium(holds=True, forces=nothing, residual=0.0, status=status)
     unit = load / size
     forces, residual, direction = _least_forces(contacts, unit, weights)
-    answer = partial(FrictionalEquilibrium, forces=size * forces, residual=residual)
+    answer = partial(Equilibrium, forces=size * forces, residual=residual)
     if residual <= EQUILIBRIUM_TOLERANCE:
         status = "forces within the friction cones balance the load (statically admissible), "
         return answer(holds=True, status=f"{status}relative residual {residual:.1e}")

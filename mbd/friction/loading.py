@@ -26,8 +26,8 @@ import numpy as np
 import scipy.sparse as sp
 
 from geometry.mesh import FloatArray
-from mbd.friction.equilibrium import FrictionalContacts, FrictionalEquilibrium
-from mbd.frictionless.equilibrium import EQUILIBRIUM_TOLERANCE
+from mbd.friction.equilibrium import FrictionalContacts
+from mbd.frictionless.equilibrium import EQUILIBRIUM_TOLERANCE, Equilibrium
 from mbd.programs import Work
 
 #: Operations that may be spent: seconds.
@@ -157,23 +157,24 @@ def _increment(
 
 
 def settled(
-    found: FrictionalEquilibrium,
+    found: Equilibrium,
     contacts: FrictionalContacts,
     load: FloatArray,
     weights: FloatArray | None,
-) -> FrictionalEquilibrium:
+) -> Equilibrium:
     """Decide by a growing load where neither forces nor a mechanism are proved.
 
     Blocks that come to rest prove forces; others show how they move.
     """
-    if found.holds or found.mechanism is not None:
+    if found.decided:
         return found
     loaded = load_by_increments(contacts, load, weights, Work(MOST_SECONDS))
     if not loaded.rests:
         return replace(found, motion=loaded.motion)
     left = contacts.matrix @ loaded.forces.ravel() + load
     residual = float(np.linalg.norm(left) / np.linalg.norm(load))
-    return FrictionalEquilibrium(
+    return replace(
+        found,
         holds=True,
         forces=loaded.forces,
         residual=residual,

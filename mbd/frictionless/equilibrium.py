@@ -17,7 +17,8 @@ algorithm", SIAM J. Control Optim. 14 (1976).
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 import scipy.linalg
@@ -48,26 +49,43 @@ _SMALLEST_WORK = 1e-7
 _RAY_TOLERANCE = 1e-10
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Equilibrium(ReadOnlyArrays):
-    """Contact forces and how well they balance the load."""
+    """Whether contact forces balance the load, with friction or without, and the proof."""
 
-    holds: bool
+    holds: bool = False
     """Whether the relative residual is within `EQUILIBRIUM_TOLERANCE`."""
     forces: FloatArray
-    """λ >= 0, (n_contacts,) [N]; where no equilibrium exists, the last iterate."""
+    """λ >= 0, (n_contacts,) [N]; with friction (λ_n, λ_1, λ_2) inside the cone, (n_contacts, 3).
+    Where no equilibrium exists, the last iterate."""
     residual: float
     """‖G λ + f‖ / ‖f‖ (0 for a zero load)."""
-    mechanism: FloatArray | None
-    """Load-activated d with Gᵀd >= 0, fᵀd > 0, ‖d‖ = 1, (n_rows,); None in equilibrium."""
-    iterations: int
+    mechanism: FloatArray | None = None
+    """Load-activated d, fᵀd > 0, ‖d‖ = 1, on which no admissible force does negative work,
+    (n_rows,); without friction Gᵀd >= 0. None in equilibrium."""
+    work: float = 0.0
+    """With friction fᵀd / ‖f‖ of the mechanism …"""
+    smallest_contact_work: float = 0.0
+    """… and the least work of an admissible unit force on it; zero to round-off."""
+    iterations: int = 0
     """Of Newton's method; 0 by an interior-point method, whose count is not told."""
-    multiplier: FloatArray
-    """Dual variable y, (n_rows,); a warm start."""
-    status: str
-    """Verdict in words, with the remedy where there is no equilibrium."""
+    multiplier: FloatArray | None = None
+    """Dual variable y of Newton's method, (n_rows,); a warm start."""
     motion: FloatArray | None = None
     """How blocks move that do not come to rest, where nothing is proved, (n_rows,)."""
+    status: str
+    """Verdict in words, with the remedy where there is no equilibrium."""
+
+    @property
+    def decided(self) -> bool:
+        """Whether forces or a mechanism prove the verdict."""
+        return self.holds or self.mechanism is not None
+
+    @property
+    def with_tangents(self) -> Equilibrium:
+        """The same without shear, (λ_n, 0, 0): admissible whatever the friction."""
+        forces = np.column_stack([self.forces, np.zeros((len(self.forces), 2))])
+        return replace(self, forces=forces)
 
 
 def column_weights(norm: Norm, areas: FloatArray) -> FloatArray:
@@ -113,11 +131,11 @@ def load_size(load: FloatArray) -> float:
 def _at_once(jacobian: ContactJacobian, load: FloatArray, size: float) -> Equilibrium | None:
     """Answer where there is no load, or no contact; else None."""
     n_rows, n_contacts = jacobian.shape
-    nothing, none = np.zeros(n_contacts), np.zeros(n_rows)
+    answer = partial(Equilibrium, forces=np.zeros(n_contacts), multiplier=np.zeros(n_rows))
     if size == 0.0:
-        return Equilibrium(True, nothing, 0.0, None, 0, none, "equilibrium: no load")
+        return answer(holds=True, residual=0.0, status="equilibrium: no load")
     if n_contacts == 0:
-        return Equilibrium(False, nothing, 1.0, load / size, 0, none, _infeasible_status())
+        return answer(residual=1.0, mechanism=load / size, status=_infeasible_status())
     return None
 
 
@@ -364,13 +382,15 @@ def clarabel_equilibrium(
     *,
     weights: FloatArray | None = None,
 ) -> Equilibrium:
-    """Solve the same problem by clarabel's interior-point method through qpsolvers.
+    """Solve the same problem by clarabel's interior-point method.
 
     Parameters and result as in `newton_equilibrium`. Where clarabel finds no equilibrium, the
     mechanism comes from the projection min ½‖G λ + f‖², λ >= 0, solved by clarabel too: its
     residual is a load-activated mechanism.
     """
-    from mbd.programs import least_quadratic
+    import clarabel
+
+    from mbd.programs import least_conic
 
     n_rows, n_contacts = jacobian.shape
     size = load_size(load)
@@ -379,26 +399,27 @@ def clarabel_equilibrium(
         return known
     column = np.ones(n_contacts) if weights is None else weights
     matrix = jacobian.to_matrix() * column[None, :]
-    unit_load, none = load / size, np.zeros(n_contacts)
-    solution = least_quadratic(
-        sp.eye_array(n_contacts), equal=matrix, target=-unit_load, lower=none, tolerance=1e-12
+    unit_load, eye, rest = load / size, sp.eye_array(n_contacts), sp.eye_array(n_rows)
+    find = partial(
+        least_conic, target=-unit_load, cones=[clarabel.NonnegativeConeT(n_contacts)], work=None
+    )
+    solution = find(
+        quadratic=eye, cost=np.zeros(n_contacts), equal=matrix, rows=eye, tolerance=1e-12
     )
     # An infeasible problem still returns a vector: the residual, not the status alone, decides.
-    mu = none if solution.x is None else np.maximum(np.asarray(solution.x), 0.0)
+    mu = np.maximum(np.asarray(solution.x), 0.0)
     residual = float(np.linalg.norm(matrix @ mu + unit_load))
-    direction, multiplier = None, np.zeros(n_rows)
-    if residual <= EQUILIBRIUM_TOLERANCE:
-        multiplier = -size * np.asarray(solution.y)
-    else:
+    direction = None
+    if not residual <= EQUILIBRIUM_TOLERANCE:
         # Variables (μ, r) with r = G μ + f keep the problem as sparse as G.
-        solution = least_quadratic(
-            sp.block_diag([sp.csc_array((n_contacts, n_contacts)), sp.eye_array(n_rows)]),
-            equal=sp.hstack([matrix, -sp.eye_array(n_rows)]),
-            target=-unit_load,
-            lower=np.concatenate([none, np.full(n_rows, -np.inf)]),
+        solution = find(
+            quadratic=sp.block_diag([sp.csc_array((n_contacts, n_contacts)), rest]),
+            cost=np.zeros(n_contacts + n_rows),
+            equal=sp.hstack([matrix, -rest]),
+            rows=sp.hstack([eye, sp.csc_array((n_contacts, n_rows))]),
             tolerance=1e-8,
         )
-        mu = none if solution.x is None else np.maximum(np.asarray(solution.x)[:n_contacts], 0.0)
+        mu = np.maximum(np.asarray(solution.x)[:n_contacts], 0.0)
         imbalance = matrix @ mu + unit_load
         residual = float(np.linalg.norm(imbalance))
         if residual > EQUILIBRIUM_TOLERANCE:
@@ -408,8 +429,6 @@ def clarabel_equilibrium(
         forces=size * column * mu,
         residual=residual,
         mechanism=direction,
-        iterations=0,
-        multiplier=multiplier,
         status=_balanced(residual) if direction is None else _infeasible_status(),
     )
 

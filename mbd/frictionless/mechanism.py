@@ -230,13 +230,12 @@ def classify(
     else:
         opposed = None if known is None else single_motion(jacobian, -load)
         if known is not None and opposed is not None:
-            decided = known.holds or known.mechanism is not None
-            driven = known if decided else decided_equilibrium(jacobian, load)
+            driven = known if known.decided else decided_equilibrium(jacobian, load)
             return classify_opposed(jacobian, load, opposed, driven)
         stress = jacobian.once(
             "self-stress", lambda: decided_equilibrium(jacobian, jacobian.resultant(ones))
         )
-        if not stress.holds and stress.mechanism is None:
+        if not stress.decided:
             return Classification(MechanismClass.UNDECIDED, None)
         ratio, vector = jacobian.once(
             "smallest singular pair", lambda: smallest_singular_pair(jacobian)
@@ -291,7 +290,7 @@ def decided_equilibrium(
     seldom does.
     """
     equilibrium = newton_equilibrium(jacobian, load, weights=weights, start=start)
-    if equilibrium.holds or equilibrium.mechanism is not None:
+    if equilibrium.decided:
         return equilibrium
     return clarabel_equilibrium(jacobian, load)
 
@@ -305,7 +304,7 @@ def _classify_unlocked(
             MechanismClass.ACTIVATED, as_mechanism(jacobian, driven.mechanism, load)
         )
     opposed = decided_equilibrium(jacobian, -load)
-    if not (driven.holds and (opposed.holds or opposed.mechanism is not None)):
+    if not (driven.holds and opposed.decided):
         return Classification(MechanismClass.UNDECIDED, as_mechanism(jacobian, admissible, load))
     if opposed.mechanism is not None:
         return Classification(

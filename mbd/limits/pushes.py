@@ -220,7 +220,7 @@ class Pushes:
         others = [pushes[way] for way in asked]
         answers = _equilibria(contacts, others, self.norm, beside=force, start=start)
         for way, (_, found) in zip(asked, answers, strict=True):
-            if found.holds or found.mechanism is not None:
+            if found.decided:
                 held[way] = found.holds
         return {way: held[way] for way in _WAYS if way in held}
 

@@ -21,13 +21,11 @@ from mbd.contacts.jacobian import RigidContacts, contact_jacobian
 from mbd.friction.equilibrium import (
     CollapseLoad,
     FrictionalContacts,
-    FrictionalEquilibrium,
     RigidFrictionError,
     by_block,
     collapse_load,
     frictional_contacts,
     frictional_equilibrium,
-    without_shear,
 )
 from mbd.friction.loading import settled
 from mbd.friction.squeeze import Squeeze, squeeze
@@ -51,7 +49,7 @@ class Friction:
     """Of all joints, but those of pairs [-]."""
     of_pairs: bool
     """Whether pairs of blocks have their own."""
-    equilibrium: FrictionalEquilibrium
+    equilibrium: Equilibrium
     forces: FloatArray | None
     """On block s at all contacts of free blocks, which carry the load; None where none do;
     (n_contacts, 3) [N]."""
@@ -147,14 +145,14 @@ class Question:
         return column_weights(self.method.norm, self.contacts.areas)
 
     @cached_property
-    def balance(self) -> FrictionalEquilibrium | None:
+    def balance(self) -> Equilibrium | None:
         """Equilibrium with friction; None without it."""
         if self.friction is None:
             return None
         self.tell("equilibrium with friction")
         found = frictional_equilibrium(self.frictional, self.all_loads, weights=self.weights)
         if self.smooth.holds and not found.holds:
-            return without_shear(self.smooth)
+            return self.smooth.with_tangents
         return settled(found, self.frictional, self.all_loads, self.weights)
 
     @cached_property
@@ -203,7 +201,7 @@ def parts_of(asked: Question) -> dict[str, Part]:
     return {name: part for name, part in parts.items() if part is not None}
 
 
-def _friction(asked: Question, balance: FrictionalEquilibrium) -> Friction:
+def _friction(asked: Question, balance: Equilibrium) -> Friction:
     """Whether the load is carried with friction, and whether it presses the joints itself."""
     forces = pressed = None
     if balance.holds:

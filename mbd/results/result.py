@@ -33,7 +33,6 @@ from mbd.results.verdict import EdgesAndCorners, Verdict, carried_words
 
 if TYPE_CHECKING:
     from geometry.polyhedra.assembly import PolyhedralAssembly
-    from mbd.friction.equilibrium import FrictionalEquilibrium
     from mbd.results.parts import Friction
 
 
@@ -91,7 +90,7 @@ class RigidResult(ReadOnlyArrays):
         return cast("Friction | None", self.parts.get("friction"))
 
     @property
-    def balance(self) -> Equilibrium | FrictionalEquilibrium:
+    def balance(self) -> Equilibrium:
         """Equilibrium that decides: with friction, where there is some."""
         return self.equilibrium if self.friction is None else self.friction.equilibrium
 

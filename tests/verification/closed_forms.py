@@ -23,11 +23,11 @@ from geometry.families.masonry import box
 from geometry.polyhedra.assembly import polyhedral_assembly
 from mbd import contact_jacobian
 from mbd.friction.equilibrium import (
-    FrictionalEquilibrium,
     collapse_load,
     frictional_contacts,
     frictional_equilibrium,
 )
+from mbd.frictionless.equilibrium import Equilibrium
 
 #: Minimum thickness of a semicircular arch over its centre-line radius, four digits.
 ARCH_LIMIT = 0.1075
@@ -80,7 +80,7 @@ def groove(angle: float) -> PolyhedralAssembly:
     return polyhedral_assembly("groove", blocks, np.array([True, True, False]))
 
 
-def arch_answer(ratio: float, voussoirs: int, friction: float = 1.0) -> FrictionalEquilibrium:
+def arch_answer(ratio: float, voussoirs: int, friction: float = 1.0) -> Equilibrium:
     """Semicircular arch of radius 1 m under its weight: does it stand at t/R = ``ratio``."""
     arch = CircularArch(1000.0, 1000.0 * ratio, 300.0, voussoirs).build()
     contacts = frictional_contacts(arch, contact_jacobian(arch), friction)
