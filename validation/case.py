@@ -14,6 +14,7 @@ from validation.errors import InputError, named
 from validation.scene.combinations import combined
 from validation.scene.deformable import METHODS, EffectName, stated_share
 from validation.scene.family import RoundScene
+from validation.scene.keys.idle import KeyUse
 from validation.scene.keys.quantities import unit_of_key
 from validation.scene.keys.toml_text import flat, toml_value
 from validation.scene.polyhedra import PolyhedralScene
@@ -148,6 +149,15 @@ class Case:
         return None if self.source is None else self.source.effects.auto
 
     @property
+    def in_time(self) -> Explicit:
+        """How it is solved in time: of a static one the effects of explicit runs that it states."""
+        return self.scene.in_time
+
+    def straightened(self, blocks: Assembly) -> bool:
+        """Whether the file of its blocks has nodes that elements of degree 1 leave out."""
+        return self.scene.straightened(blocks)
+
+    @property
     def meets(self) -> bool:
         """Whether its blocks meet; else they are single bodies."""
         return self.scene.meets
@@ -193,6 +203,13 @@ class Case:
     def keys(self) -> dict[str, Any]:
         """What its scene states, as plain data by section."""
         return self.scene.model_dump(mode="json", exclude_unset=True)
+
+    def key_use(self, method: str = "", *, drawn: bool = True) -> KeyUse:
+        """Which keys of its scene an answer depends on: by its method, a deck or the blocks alone.
+
+        ``drawn``: whether pictures are requested.
+        """
+        return KeyUse(self.scene, method or self.method.name, drawn)
 
     @property
     def reads(self) -> tuple[Path, ...]:

@@ -22,7 +22,6 @@ from validation.build.problem import scene_planes
 from validation.case import Case
 from validation.errors import InputError, named
 from validation.scene.family import RoundScene
-from validation.scene.keys.idle import key_words
 from validation.scene.polyhedra import STRAIGHT_EDGES, PolyhedralScene
 from validation.scene.read import DeformableScene
 
@@ -201,7 +200,7 @@ def _of_scene(case: Case, answer: Answer, built: dict[str, float]) -> Answer:
         of_solver = answer.parts["notes"].rows if "notes" in answer.parts else []
         rows = grouped(model=(Row(*note) for note in notes.items()))
         parts["notes"] = Notes([*of_solver, *rows])
-    keys = key_words(scene, case.method.name).items()
+    keys = case.key_use().words.items()
     parts["keys"] = Notes(grouped(model=(Row(*words) for words in keys)))
     return replace(answer.beside(parts).with_report(told), title=title)
 

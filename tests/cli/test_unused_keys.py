@@ -12,7 +12,6 @@ import pytest
 from geometry import RefusedError
 from tests.support.keys import leaves, other
 from validation import Case, builtin_names, load_case, solve, sweep
-from validation.scene.keys.idle import idle_keys, ignored_words
 from validation.scene.read import apply_overrides, scene_data
 
 COARSE = ("mesh.around=12", "mesh.radial=2", "mesh.axial=2", "assembly.layers=1")
@@ -36,7 +35,7 @@ def static(case: Case) -> np.ndarray:
 def test_what_is_idle_does_not_change_a_bit(answer: Callable[[Case], np.ndarray]) -> None:
     settings = (*COARSE, *EVERYTHING)
     case = load_case("tsb1-pipe", settings)
-    expected, idle = answer(case), idle_keys(case.scene, answer.__name__)
+    expected, idle = answer(case), case.key_use(answer.__name__).idle
     assert "effects.rayleigh.mass_proportional" in idle
     data = apply_overrides(scene_data("tsb1-pipe")[1], settings)
     changed = []
@@ -73,24 +72,24 @@ def test_constants_of_another_contact_law_are_named_or_rejected(key: str) -> Non
         with pytest.raises(RefusedError, match=rf"contact\.{key} belongs to law"):
             load_case(own)
         return
-    scene = load_case(own).scene
+    case = load_case(own)
     for method in ("rigid", "static", "explicit", "static deck"):
-        assert f"contact.{key}" in idle_keys(scene, method)
-    assert f"contact.{key}" in ignored_words(idle_keys(scene, "static"), "static")
+        assert f"contact.{key}" in case.key_use(method).idle
+    assert f"contact.{key}" in case.key_use("static").ignored
 
 
 @pytest.mark.quick
 def test_the_thickness_of_a_ball_is_named() -> None:
     for name, named in (("hertz-ball", True), ("hertz-roller", False)):
-        idle = idle_keys(load_case(name, {"block.thickness": 3.0}).scene, "static")
-        assert ("block.thickness" in ignored_words(idle, "static")) is named
+        use = load_case(name, {"block.thickness": 3.0}).key_use("static")
+        assert ("block.thickness" in use.ignored) is named
 
 
 def test_what_is_used_is_not_named() -> None:
     settings = (*COARSE, "effects.friction=0.2", "effects.gravity=[0, 0, -9.81e6]")
-    scene = load_case("tsb1-pipe", settings).scene
+    case = load_case("tsb1-pipe", settings)
     for method in ("rigid", "static", "explicit"):
-        idle = idle_keys(scene, method)
+        idle = case.key_use(method).idle
         for key in ("effects.gravity", "load.pressure", "effects.friction.coefficient"):
             assert key not in idle
         assert "material.density" not in idle
@@ -100,7 +99,7 @@ def test_what_is_used_is_not_named() -> None:
 def test_nothing_is_said_to_be_ignored_of_built_in_scenes(name: str) -> None:
     case = load_case(name)
     for method in ("rigid", case.method.name):
-        assert not ignored_words(idle_keys(case.scene, method), method)
+        assert not case.key_use(method).ignored
 
 
 def test_commands_name_effects_of_time_integration(tubelock, tmp_path: Path) -> None:
@@ -165,7 +164,7 @@ def test_every_key_that_is_read_changes_the_rigid_answer(
         return str(run.details.mechanism), b"".join(np.ascontiguousarray(n) for n in numbers)
 
     data = apply_overrides(scene_data(name)[1], settings)
-    idle = idle_keys(load_case(name, settings).scene, "rigid")
+    idle = load_case(name, settings).key_use("rigid").idle
     base, changed = answer(data), 0
     for key, value in leaves(data):
         new = other(value)

@@ -25,12 +25,11 @@ from geometry.errors import RefusedError
 from geometry.machine.system import write_whole
 from geometry.mesh import FloatArray
 from geometry.parts.rows import Notes, Part, Row, RowTable, grouped, time_row
+from mbd.options import Rigid
 from validation.case import Case, refuse_cell
 from validation.errors import InputError, named
 from validation.output.files import prepare_file
-from validation.scene.deformable import Method
 from validation.scene.polyhedra import STRAIGHT_EDGES
-from validation.scene.read import DeformableScene
 
 if TYPE_CHECKING:
     from fem.decks.read.deck import InputDeck
@@ -391,39 +390,43 @@ def build_deck(case: Case, flavour: Flavour | None = None) -> Deck:
     Without a flavour the deck follows the scene's method: static as a static step of
     Abaqus/Standard with contact pairs, explicit as Abaqus/Explicit with general contact.
     """
-    scene, static = case.scene, isinstance(case.method, Static)
+    method = case.method
+    assert not isinstance(method, Rigid)
+    static = isinstance(method, Static)
     if flavour is None:
         flavour = Flavour.STANDARD if static else Flavour.GENERAL
     refuse_cell(case, "export")
     problem = case.problem
     notes = []
     # CalculiX has no contact in explicit steps; single bodies do what the scene says.
-    as_stated = flavour is Flavour.CALCULIX and not scene.meets
+    as_stated = flavour is Flavour.CALCULIX and not case.meets
     run = None
     if flavour is Flavour.GENERAL or (as_stated and not static):
-        run = replace(scene.in_time, frames=scene.method.frames)
+        run = replace(case.in_time, frames=method.frames)
         run = replace(run, damping="static") if static else run
-        if scene.meets and not problem.finite_rotation:
+        if case.meets and not problem.finite_rotation:
             problem = replace(problem, finite_rotation=True, check_blocks=False)
             notes.append("large rotations: nlgeom=YES, though effects.finite_rotation is off")
-    if scene.straightened(problem.blocks):
+    if case.straightened(problem.blocks):
         notes.append(f"edges: {STRAIGHT_EDGES}")
-    notes += _step_notes(scene, flavour, run)
+    notes += _step_notes(case, flavour, run, moves=problem.motion is not None)
     with named(case.name):
         return problem_deck(problem, flavour, run, name=case.name, notes=tuple(notes))
 
 
-def _step_notes(scene: DeformableScene, flavour: Flavour, run: Explicit | None) -> list[str]:
-    effects, notes = scene.effects, list[str]()
-    damped = effects.rayleigh is not None or effects.bulk_viscosity is not None
+def _step_notes(case: Case, flavour: Flavour, run: Explicit | None, *, moves: bool) -> list[str]:
+    """What the step of a deck does otherwise than the method of a case."""
+    method, in_time, notes = case.method, case.in_time, list[str]()
+    viscous, damping = in_time.bulk_viscosity is not None, None
+    if isinstance(method, Explicit):
+        damping, viscous = method.damping, viscous or method.damped(moves=moves) != "none"
     if run is None:
-        if scene.fem.method is Method.EXPLICIT:
+        if isinstance(method, Explicit):
             notes.append("step: static, where the scene asks for explicit dynamics")
-        if damped or scene.fem.damping is not None:
+        if any(one is not None for one in (in_time.rayleigh, in_time.bulk_viscosity, damping)):
             notes.append("damping: does nothing in a static step and is not written")
-    viscous = effects.bulk_viscosity is not None or scene.damping != "none"
     if run is not None and flavour is Flavour.CALCULIX and viscous:
         notes.append("bulk viscosity: CalculiX has none; it is not written")
-    if scene.fem.symmetry == "sector":
+    if not isinstance(method, Rigid) and method.symmetry == "sector":
         notes.append("symmetry: all blocks are written")
     return notes

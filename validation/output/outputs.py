@@ -25,7 +25,6 @@ from validation.output.files import (
     stamped,
     write_json,
 )
-from validation.scene.keys.idle import default_words, idle_keys, key_words
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -207,11 +206,10 @@ class Outputs:
         """
         if self.scene is None:
             return
-        scene, method = self.scene.scene, method or self.scene.method.name
-        self._unused = tuple(idle_keys(scene, method, drawn=self._draws))
-        self._defaults = default_words(scene, method)
-        known = key_words(scene, method).items() if answered else ()
-        for head, words in key_words(scene, method, drawn=self._draws).items():
+        use = self.scene.key_use(method, drawn=self._draws)
+        self._unused, self._defaults = tuple(use.idle), use.defaults
+        known = self.scene.key_use(method).words.items() if answered else ()
+        for head, words in use.words.items():
             if (head, words) not in known:
                 self.console.print(f"{head:9} {words}")
 

@@ -32,7 +32,6 @@ from validation.case import Case
 from validation.errors import InputError
 from validation.scene.builtin import builtin_text
 from validation.scene.deformable import parse_share
-from validation.scene.keys.idle import is_idle
 from validation.scene.keys.toml_text import flat, is_range, toml_value
 from validation.scene.read import apply_overrides, check_scene, read_text, scene_data
 from validation.study.design import COLUMNS, NO_COLUMN, Quantity
@@ -104,8 +103,8 @@ class SceneStudy(Study):
         """Those on which the answer of one design does not depend."""
         method = "rigid" if self.quantity == "rigid" else case.method.name
         none = {f"rigid.{name}" for name in NO_COLUMN} if method == "rigid" else set()
-        paths = [path for path, _ in self.parameters]
-        return [path for path in paths if path in none or is_idle(path, case.scene, method)]
+        use, paths = case.key_use(method), [path for path, _ in self.parameters]
+        return [path for path in paths if path in none or use.is_idle(path)]
 
     def refuse_idle_parameters(self) -> None:
         """Refuse to vary what no answer of rigid blocks depends on: rows would be equal."""

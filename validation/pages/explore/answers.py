@@ -25,7 +25,6 @@ from validation.output.pictures.scales import Scale
 from validation.output.pictures.view_3d import colour_gradient
 from validation.pages.verdicts import verdicts
 from validation.pages.views import layer_words, middle_layers, rigid_view, stressed
-from validation.scene.keys.idle import idle_keys
 from validation.scene.keys.toml_text import toml_text
 from validation.solving import solve
 
@@ -54,7 +53,7 @@ def rigid_shown(file: Case) -> tuple[Answer, Shown]:
     found = [vars(v) for v in verdicts(run, None, {})]
     ignored = [
         key
-        for key in idle_keys(file.scene, "rigid")
+        for key in file.key_use("rigid").idle
         if key.startswith(("block.", "assembly.", "load."))
     ]
     layers = dict.fromkeys((None, middle_layers(run.details.blocks)))

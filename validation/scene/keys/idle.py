@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 from pydantic import BaseModel
@@ -86,66 +88,71 @@ _IDLE_WHERE: Mapping[str, Callable[[Any, str], bool]] = {
 }
 
 
-def idle_keys(scene: DeformableScene, method: str, *, drawn: bool = True) -> list[str]:
-    """Keys that a scene sets and on which its answer by a method does not depend.
+@dataclass(frozen=True)
+class KeyUse:
+    """Keys of a scene on which its answer by a method depends, and those on which it does not."""
 
-    ``drawn``: whether pictures are asked for.
-    """
-    keys = dict.fromkeys(_set_keys(scene, ""))
-    pictures = () if drawn else ("pictures.",)
-    return [key for key in keys if key.startswith(pictures) or is_idle(key, scene, method)]
+    scene: DeformableScene
+    method: str
+    """Of `_ABSENT`: that of an answer, "static deck", "explicit deck" or "blocks"."""
+    drawn: bool = True
+    """Whether pictures are requested."""
 
+    def is_idle(self, key: str) -> bool:
+        """Whether no answer depends on a key."""
+        plain = re.sub(r"^materials\.[^.]+", "material", key)
+        plain = re.sub(r"\.\d+(?=\.|$)", "", plain)
+        if any(plain == k or plain.startswith(f"{k}.") for k in _ABSENT[self.method]):
+            return True
+        return any(
+            where(self.scene, self.method)
+            for name, where in _IDLE_WHERE.items()
+            if plain == name or plain.startswith(f"{name}.")
+        )
 
-def is_idle(key: str, scene: DeformableScene, method: str) -> bool:
-    """Whether no answer to a scene by a method depends on a key."""
-    plain = re.sub(r"^materials\.[^.]+", "material", key)
-    plain = re.sub(r"\.\d+(?=\.|$)", "", plain)
-    if any(plain == absent or plain.startswith(f"{absent}.") for absent in _ABSENT[method]):
-        return True
-    return any(
-        where(scene, method)
-        for name, where in _IDLE_WHERE.items()
-        if plain == name or plain.startswith(f"{name}.")
-    )
+    @cached_property
+    def idle(self) -> list[str]:
+        """Keys that the scene sets and on which its answer does not depend."""
+        keys = dict.fromkeys(_set_keys(self.scene, ""))
+        pictures = () if self.drawn else ("pictures.",)
+        return [key for key in keys if key.startswith(pictures) or self.is_idle(key)]
 
+    @property
+    def ignored(self) -> str:
+        """Effects and loads among them, in words; of decks all keys, of blocks all sections."""
+        if self.method == "blocks":
+            return ", ".join(dict.fromkeys(f"[{key.partition('.')[0]}]" for key in self.idle))
+        if self.method.endswith("deck"):
+            return ", ".join(self.idle)
+        printed = _PRINTED if self.method == "rigid" else (*_PRINTED, "contact.")
+        return ", ".join(k for k in self.idle if k.startswith(printed) and "stick" not in k)
 
-def ignored_words(keys: list[str], method: str) -> str:
-    """Effects and loads that are ignored, in words; of decks all keys, of blocks all sections."""
-    if method == "blocks":
-        return ", ".join(dict.fromkeys(f"[{key.partition('.')[0]}]" for key in keys))
-    if method.endswith("deck"):
-        return ", ".join(keys)
-    printed = _PRINTED if method == "rigid" else (*_PRINTED, "contact.")
-    return ", ".join(key for key in keys if key.startswith(printed) and "stick" not in key)
+    @property
+    def defaults(self) -> dict[str, str]:
+        """Sections that the scene leaves out and its answer depends on, in words."""
+        scene, rigid = self.scene, self.method in ("rigid", "blocks")
+        names = ["mesh"] if rigid else ["mesh", "material", "contact", "fem"]
+        if self.method == "rigid" and not self.is_idle("material.density"):
+            names.append("material")
+        if not scene.meets:
+            names = [name for name in names if name != "contact"]
+        sections = {name: getattr(scene, name, None) for name in names}
+        words = {name: getattr(section, "words", "") for name, section in sections.items()}
+        return {
+            name: text
+            for name, text in words.items()
+            if text and name not in scene.model_fields_set
+        }
 
-
-def default_words(scene: DeformableScene, method: str) -> dict[str, str]:
-    """Sections that a scene leaves out and its answer depends on, in words."""
-    names = ["mesh"] if method in ("rigid", "blocks") else ["mesh", "material", "contact", "fem"]
-    if method == "rigid" and not is_idle("material.density", scene, method):
-        names.append("material")
-    if not scene.meets:
-        names = [name for name in names if name != "contact"]
-    sections = {name: getattr(scene, name, None) for name in names}
-    words = {name: getattr(section, "words", "") for name, section in sections.items()}
-    return {
-        name: text for name, text in words.items() if text and name not in scene.model_fields_set
-    }
-
-
-def key_words(scene: DeformableScene, method: str, *, drawn: bool = True) -> dict[str, str]:
-    """Defaults that an answer depends on, what is unusual, and keys that its method ignores.
-
-    In words by their heads; ``drawn`` as in `idle_keys`.
-    """
-    defaults = default_words(scene, method).items()
-    ignored = ignored_words(idle_keys(scene, method, drawn=drawn), method)
-    words = {
-        "defaults": ", ".join(f"{name} {value}" for name, value in defaults),
-        "note": scene.caution or "",
-        "ignored": ignored and f"{ignored} (not used by this method)",
-    }
-    return {head: text for head, text in words.items() if text}
+    @property
+    def words(self) -> dict[str, str]:
+        """Defaults, what is unusual, and keys that the method ignores, in words by their heads."""
+        words = {
+            "defaults": ", ".join(f"{name} {value}" for name, value in self.defaults.items()),
+            "note": self.scene.caution or "",
+            "ignored": self.ignored and f"{self.ignored} (not used by this method)",
+        }
+        return {head: text for head, text in words.items() if text}
 
 
 def _set_keys(section: BaseModel, place: str) -> Iterator[str]:
