@@ -1,15 +1,18 @@
 """What tests let pass: random small changes of mechanics, each beside the tests that run its line.
 
-``python -m tests.benchmarks.changes [--count 80] [--seed 20261129] [--marks quick]``: a copy of the
+``python -m tests.benchmarks.changes [--count 80] [--seed 20261129] [--seconds 60]``: a copy of the
 last commit is changed in one place at a time, an operator, a comparison, a constant or a sign. The
 tests of the same room that run the line are repeated, the most special ones first, until one fails.
-Lines of compiled functions are not seen: those that name the function stand for them.
+A test that calls a compiled function runs all its lines and those of the functions it calls.
 """
 
 from __future__ import annotations
 
 import argparse
 import ast
+import functools
+import inspect
+import itertools
 import json
 import os
 import random
@@ -25,11 +28,15 @@ from typing import Any
 
 import pytest
 
+from geometry.compilation import Kernel
+
 ROOMS = ("geometry", "mbd", "fem")
 #: No mechanics: how functions are compiled, and how text of other programs is read.
 LEFT_OUT = ("geometry/compilation/", "geometry/files/", "fem/decks/read/")
-#: What tests of one change may take, before it and with it [s].
-SECONDS, LIMIT = 10.0, 300.0
+#: No results: what work costs, how it is stopped.
+NO_RESULTS = "geometry/machine/"
+#: What tests of one change may take with it [s].
+LIMIT = 300.0
 SWAPS: dict[type, tuple[type, ...]] = {
     ast.Add: (ast.Sub,), ast.Sub: (ast.Add,), ast.Mult: (ast.Div,), ast.Div: (ast.Mult,),
     ast.Lt: (ast.LtE, ast.Gt), ast.Gt: (ast.GtE, ast.Lt), ast.LtE: (ast.Lt, ast.GtE),
@@ -77,7 +84,7 @@ class Change:
     def __init__(self, file: str, node: ast.expr, statement: ast.AST, text: str) -> None:
         self.file, self.text = file, text
         self.place = (node.lineno, node.col_offset, node.end_lineno, node.end_col_offset)
-        self.lines = range(statement.lineno, statement.end_lineno + 1)  # type: ignore[attr-defined]
+        self.lines = range(statement.lineno, statement.end_lineno + 1)
         if not isinstance(statement, ast.Assign | ast.AugAssign | ast.Return | ast.Expr):
             self.lines = range(node.lineno, (node.end_lineno or 0) + 1)
         self.old = ""
@@ -102,6 +109,23 @@ def changes(tree: Path) -> list[Change]:
     return [Change(name, *found) for name, module in parsed for found in places(module, module)]
 
 
+@functools.cache
+def compiled_lines(kernel: Kernel) -> frozenset[tuple[str, int]]:
+    """Files and lines of a compiled function and of those that it calls."""
+    found, left = set[tuple[str, int]](), [kernel]
+    known = set(left)
+    while left:
+        function = left.pop().__wrapped__
+        lines, first = inspect.getsourcelines(function)
+        found |= {(function.__code__.co_filename, n) for n in range(first, first + len(lines))}
+        named = inspect.getclosurevars(function)
+        parts = [*named.globals.values(), *named.nonlocals.values()]
+        new = {part for part in parts if isinstance(part, Kernel)} - known
+        known |= new
+        left += new
+    return frozenset(found)
+
+
 class Lines:
     """Lines that each test runs (a plugin of pytest; `sys.monitoring` tells a line once a test)."""
 
@@ -109,13 +133,29 @@ class Lines:
         self.top = f"{tree}{os.sep}"
         self.rooms = tuple(f"{self.top}{room}{os.sep}" for room in ROOMS)
         self.seen: set[tuple[str, int]] = set()
+        self.shared: dict[Any, set[tuple[str, int]]] = {}
         self.tests: dict[str, Any] = {}
         self.failed: set[str] = set()
 
+        def call(kernel: Kernel, *arguments: Any) -> Any:
+            self.seen |= compiled_lines(kernel)
+            return kernel.dispatcher(*arguments)
+
+        Kernel.__call__ = call
+
     def line(self, code: Any, number: int) -> Any:
         if code.co_filename.startswith(self.rooms):
-            self.seen.add((code.co_filename[len(self.top) :], number))
+            self.seen.add((code.co_filename, number))
         return sys.monitoring.DISABLE
+
+    @pytest.hookimpl(wrapper=True)
+    def pytest_fixture_setup(self, fixturedef: Any) -> Iterator[None]:
+        before, self.seen = self.seen, set()
+        sys.monitoring.restart_events()
+        result = yield
+        self.shared[fixturedef] = self.seen
+        self.seen = before
+        return result
 
     @pytest.hookimpl(wrapper=True)
     def pytest_runtest_protocol(self, item: pytest.Item) -> Iterator[None]:
@@ -123,9 +163,11 @@ class Lines:
         sys.monitoring.restart_events()
         start = time.process_time()
         result = yield
+        fixtures = item._fixtureinfo.name2fixturedefs.values()
+        of_fixtures = (self.shared.get(f, set()) for several in fixtures for f in several)
         kept: dict[str, list[int]] = defaultdict(list)
-        for file, number in self.seen:
-            kept[file].append(number)
+        for file, number in self.seen.union(*of_fixtures):
+            kept[file[len(self.top) :]].append(number)
         self.tests[item.nodeid] = {"seconds": time.process_time() - start, "lines": kept}
         return result
 
@@ -196,14 +238,17 @@ class Related:
                 return found
             level = [name for other, name, inside in users if name and (other, name) not in known]
             known |= {(other, name) for other, name, _ in users}
-        return found
+        # What is run when a module is read alone.
+        return found or {
+            test for (name, _), of in self.by_line.items() if name == file for test in of
+        }
 
     def holder(self, file: str, line: int) -> tuple[str, bool]:
         """Name that a module gives to what holds a line, and whether calls run the line."""
         return self.holders[file].get(line, ("", False))
 
-    def chosen(self, change: Change) -> list[str]:
-        """Tests of the same room, the most special ones first, as many as take ten seconds."""
+    def chosen(self, change: Change, seconds: float) -> list[str]:
+        """Tests of the same room, the most special ones first, as many as the seconds allow."""
         room = f"tests/{change.file.partition('/')[0]}/"
         found = [test for test in self.of(change.file, change.lines) if test.startswith(room)]
 
@@ -211,73 +256,76 @@ class Related:
             lines = sum(map(len, self.tests[test]["lines"].values()))
             return float(lines) * (1.0 + self.tests[test]["seconds"])
 
-        left, result = SECONDS, []
-        for test in sorted(found, key=breadth):
-            left -= self.tests[test]["seconds"]
-            if left < 0.0:
-                break
-            result.append(test)
-        return result
+        result = sorted(found, key=breadth)
+        spent = itertools.accumulate(self.tests[test]["seconds"] for test in result)
+        return [test for test, total in zip(result, spent, strict=True) if total <= seconds]
 
 
-def _paths(tree: Path) -> dict[str, str]:
-    return {**os.environ, "PYTHONPATH": str(tree), "PYTHONDONTWRITEBYTECODE": "1"}
+def environment(out: Path) -> dict[str, str]:
+    """Variables of a run in the copy, whose compiled functions stay in the folder."""
+    cache = {"NUMBA_CACHE_DIR": str(out / "compiled"), "PYTHONDONTWRITEBYTECODE": "1"}
+    return {**os.environ, **cache, "PYTHONPATH": str(out / "tree")}
 
 
-def outcome(tree: Path, change: Change, tests: list[str]) -> str:
-    """Test that fails with a change, "time" if they do not end, "" if all pass."""
-    file = tree / change.file
+def outcome(out: Path, change: Change, tests: list[str]) -> str:
+    """What tells a change: a test that fails, or that they do not end; empty if all pass."""
+    file = out / "tree" / change.file
     source = file.read_text("utf-8")
-    file.write_text(change.apply(source), "utf-8")
+    words = [sys.executable, "-m", "pytest", "-x", "-q", "-p", "no:cacheprovider", *tests]
     try:
-        words = [sys.executable, "-m", "pytest", "-x", "-q", "-p", "no:cacheprovider", *tests]
+        file.write_text(change.apply(source), "utf-8")
         run = subprocess.run(
             words,
-            cwd=tree,
-            env=_paths(tree),
+            cwd=out / "tree",
+            env=environment(out),
             capture_output=True,
             text=True,
             timeout=LIMIT,
             check=False,
         )
     except subprocess.TimeoutExpired:
-        return "time"
+        return "no end"
     finally:
         file.write_text(source, "utf-8")
     if run.returncode == 0:
         return ""
-    failed = [line for line in run.stdout.splitlines() if line.startswith(("FAILED", "ERROR"))]
-    return failed[0].split(" - ")[0] if failed else run.stderr.strip().splitlines()[-1]
+    failed = re.search(r"^(?:FAILED|ERROR) \S+", run.stdout, re.MULTILINE)
+    return failed.group() if failed else f"exit status {run.returncode}"
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--count", type=int, default=80)
     parser.add_argument("--seed", type=int, default=20261129)
-    parser.add_argument("--marks", default="quick and not slow and not thorough")
+    parser.add_argument("--marks", default="not thorough")
     parser.add_argument("--out", type=Path, default=Path("out/changes"))
     parser.add_argument("--first", type=int, default=0)
+    parser.add_argument("--seconds", type=float, default=60.0)
     asked = parser.parse_args()
-    out = asked.out.resolve()
+    commit = subprocess.check_output(["git", "rev-parse", "--short", "HEAD"], text=True)
+    out = (asked.out / commit.strip()).resolve()
     tree, seen = out / "tree", out / "lines.json"
     if not seen.exists():
-        shutil.rmtree(out, ignore_errors=True)
+        shutil.rmtree(tree, ignore_errors=True)
         subprocess.run(["git", "clone", "-q", ".", str(tree)], check=True)
         words = ["-m", asked.marks, *(f"tests/{room}" for room in ROOMS)]
-        code = f"import sys; sys.path[0] = {str(tree)!r}; from pathlib import Path; "
-        code += (
+        code = (
+            f"import sys; sys.path[0] = {str(tree)!r}; from pathlib import Path; "
             f"from tests.benchmarks import changes; changes.watch(Path({str(seen)!r}), {words!r})"
         )
-        subprocess.run([sys.executable, "-c", code], cwd=tree, check=True)
+        subprocess.run([sys.executable, "-c", code], cwd=tree, env=environment(out), check=True)
+    # What an interrupted run left changed.
+    subprocess.run(["git", "checkout", "-q", "."], cwd=tree, check=True)
     related = Related(tree, json.loads(seen.read_text("utf-8")))
-    found = random.Random(asked.seed).sample(changes(tree), asked.count)
-    for number, change in enumerate(found[asked.first :], asked.first + 1):
-        tests = related.chosen(change)
+    drawn = random.Random(asked.seed).sample(changes(tree), 2 * asked.count)
+    found = [change for change in drawn if not change.file.startswith(NO_RESULTS)]
+    for number, change in enumerate(found[asked.first : asked.count], asked.first + 1):
+        tests = related.chosen(change, asked.seconds)
         start = time.monotonic()
-        result = outcome(tree, change, tests) if tests else ""
+        result = (outcome(out, change, tests) or "SURVIVED") if tests else "NO TEST"
         line, took = change.place[0], time.monotonic() - start
         print(f"{number}\t{change.file}:{line}\t{change.old} -> {change.text}\t"
-              f"{result or 'SURVIVED'}\t{len(tests)}\t{took:.0f}", flush=True)  # fmt: skip
+              f"{result}\t{len(tests)}\t{took:.0f}", flush=True)  # fmt: skip
 
 
 if __name__ == "__main__":
