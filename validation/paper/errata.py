@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import asdict, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -20,6 +21,8 @@ from validation.statement import Statement, chosen_by_name
 
 #: In the order of their demonstrations.
 _ERRATA = Statements("erratum")
+#: What an erratum is shown by: a number in words, and as data.
+shown = partial(ClaimVerdict, Truth.TRUE)
 
 
 def solve_printed_program(transpose: sp.csr_array) -> tuple[float, float]:
@@ -71,8 +74,7 @@ def _degenerate_program(_: PaperEvidence) -> ClaimVerdict:
     optimum, motion = solve_printed_program(transpose)
     opening = solve_corrected_program(transpose)
     mechanism = solve(case).details.mechanism
-    return ClaimVerdict(
-        Truth.TRUE,
+    return shown(
         f"TSB1, two layers, N_b = {n // 6}: HiGHS finds z* = {optimum:g} = 6 N_b with "
         f"max |δq| = {motion:.1e}; the corrected program gives {abs(opening):.1e}: {mechanism}",
         {"z": optimum, "6 N_b": n, "largest_motion": motion, "corrected": opening},
@@ -88,8 +90,7 @@ def _ingredient(ingredient: Ingredient) -> Statement:
         among = moved or without.differences
         place, error = max(among.items(), key=lambda item: abs(item[1]))
         more = "" if ingredient.more is None else f"; {ingredient.more(evidence.rigid)}"
-        return ClaimVerdict(
-            Truth.TRUE,
+        return shown(
             f"without this assumption {without.to_the_digit} instead of {whole.to_the_digit} of "
             f"{whole.of} values agree to the last digit: it moves {len(moved)}, {place} from "
             f"{100 * whole.differences[place]:+.1f} to {100 * error:+.1f} % off{more}",
@@ -116,8 +117,7 @@ def _density_unit(evidence: PaperEvidence) -> ClaimVerdict:
         "kg/mm³": np.sqrt(fem["young_modulus"] / (1e-3 * fem["density"])) / 1e6,
         "t/mm³": np.sqrt(fem["young_modulus"] / fem["density"]) / 1e6,
     }
-    return ClaimVerdict(
-        Truth.TRUE,
+    return shown(
         f"a block of {volume / 1e6:.2f} dm³ would weigh {kilograms['kg/mm³']:.4f} kg as printed, "
         f"{kilograms['t/mm³']:.1f} kg with t/mm³; waves would run at {speed['kg/mm³']:.0f} km/s as "
         f"printed, {speed['t/mm³']:.1f} km/s with t/mm³ (concrete: 3 to 4)",
@@ -137,8 +137,7 @@ def _friction(evidence: PaperEvidence) -> ClaimVerdict:
         np.linalg.norm(run.details.load.facet_forces[run.details.load.block == block].sum(axis=0))
     )
     share = coefficient * normal / load
-    return ClaimVerdict(
-        Truth.TRUE,
+    return shown(
         f"one block of TSB1, pipe: contact forces {normal:.0f} N for a load of {load:.0f} N; "
         f"friction of {coefficient:g} can carry at most {100 * share:.1f} % of the load: small, "
         "not zero",
@@ -158,8 +157,7 @@ def _half_block(_: PaperEvidence) -> ClaimVerdict:
         refusal = repr(load_case("tsb1-pipe", ["block.frequency=0.75"]).problem)
     except RefusedError as error:
         refusal = str(error).split(";")[0]
-    return ClaimVerdict(
-        Truth.TRUE,
+    return shown(
         f"printed ℓ = {half:.1f} mm, a block's chord is {whole:.1f} mm; f = 1.5 on ℓ gives the "
         f"{valleys} valleys per block that the paper counts; f = 1.5 on the whole block would be "
         f"f = 0.75 on ℓ: {refusal}",
@@ -176,8 +174,7 @@ def _layer_shift(_: PaperEvidence) -> ClaimVerdict:
         return float(np.abs(_wave(block, across) - _wave(block, across + turn)).max())
 
     third = int(block.frequency) / block.waves_per_block
-    return ClaimVerdict(
-        Truth.TRUE,
+    return shown(
         f"TSB1: turned by half a block the faces miss each other by up to {misfit(0.5):.1f} mm; "
         f"turned by {third:.3f} of a block (one wave) by {misfit(third):.1e} mm",
         {"half_block": misfit(0.5), "whole_waves": misfit(third), "turn": third},
@@ -190,8 +187,7 @@ def _one_wave(evidence: PaperEvidence) -> ClaimVerdict:
     by_frequency = {f: p_max(evidence.tsb((0.0, f, 6, 30.0, 25.0))) for f in (1.0, 1.5, 2.0)}
     other = replace(evidence, turn="half block")
     half = p_max(other.tsb((0.0, 2.0, 6, 30.0, 25.0)))
-    return ClaimVerdict(
-        Truth.TRUE,
+    return shown(
         "n = 6, a = 25, t = 30: turned by one wave p_max is "
         + ", ".join(f"{p:.3f} (f = {f:g})" for f, p in by_frequency.items())
         + f" MPa, it rises with f as the paper says; turned by half a block it is {half:.3f} at "
@@ -208,7 +204,7 @@ def _pillar_frames(evidence: PaperEvidence) -> ClaimVerdict:
         held, free = str(tube.mechanism), str(tube.supported_classification.mechanism)
         words.append(f"{block}: {held} with both frames held, {free} with the top frame free")
         values[block] = {"held": held, "released": free}
-    return ClaimVerdict(Truth.TRUE, "; ".join(words), values)
+    return shown("; ".join(words), values)
 
 
 @_ERRATA.add
@@ -224,8 +220,7 @@ def _rotation_variation(_: PaperEvidence) -> ClaimVerdict:
     size = float(np.linalg.norm(body))
     wrong = float(np.linalg.norm(body - printed)) / size
     right = float(np.linalg.norm(body - spatial)) / size
-    return ClaimVerdict(
-        Truth.TRUE,
+    return shown(
         f"a turn of 1 rad, random vectors: R [δθ]ₓ s differs from δθ × R s by {100 * wrong:.0f} %, "
         f"from (R δθ) × R s by {right:.0e}; at R = I, where everything is evaluated, both agree",
         {"printed": wrong, "spatial": right},
@@ -235,8 +230,7 @@ def _rotation_variation(_: PaperEvidence) -> ClaimVerdict:
 @_ERRATA.add
 def _captions(_: PaperEvidence) -> ClaimVerdict:
     principal = np.linalg.eigvalsh(np.diag([2.0, -1.0, 0.5]))[::-1]
-    return ClaimVerdict(
-        Truth.TRUE,
+    return shown(
         f"σ₁, σ₂, σ₃ of diag(2, -1, 0.5) = {', '.join(f'{v:g}' for v in principal)}: the smallest "
         "is σ₃; ten planes are announced, four heights are printed",
         {"principal": principal.tolist()},
@@ -253,7 +247,7 @@ def show_errata(evidence: PaperEvidence, names: list[str] | None = None) -> list
     rows = []
     for erratum in chosen_by_name(errata(), names, "erratum"):
         verdict = erratum.judge(evidence)
-        shown = {"shown": verdict.number, "values": verdict.values}
+        by = {"shown": verdict.number, "values": verdict.values}
         command = f"tubelock reproduce errata {erratum.name}"
-        rows.append({"name": erratum.name, **erratum.text, **shown, "command": command})
+        rows.append({"name": erratum.name, **erratum.text, **by, "command": command})
     return rows

@@ -6,7 +6,7 @@ given a number by those who judge, and the number is part of the verdict.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from enum import StrEnum
 from typing import Any, TypeAlias
@@ -58,6 +58,11 @@ class Statements(list[Statement]):
 
 
 NOT_COMPUTED = ClaimVerdict(Truth.NOT_COMPUTED, "needs the deformable run: add --fem", {})
+
+
+def listed(values: Mapping[str, float], form: str = "{:.2f}", between: str = ", ") -> str:
+    """Say values by name: 0.12 (TSB1), 0.34 (TSB2)."""
+    return between.join(f"{form.format(value)} ({name})" for name, value in values.items())
 
 
 def claim_verdict(holds: bool, number: str, **values: Any) -> ClaimVerdict:

@@ -5,14 +5,15 @@ All from the static state without initial gaps; the paper's own gap is not print
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from itertools import product
 
 import numpy as np
 
 from geometry import Answer, effective_facets
 from validation.paper.evidence import BoolArray, FloatArray, PaperEvidence, block_of_tube
-from validation.paper.verdict import ClaimVerdict, Statements, Truth, claim_verdict
+from validation.paper.verdict import ClaimVerdict, Statements, Truth, claim_verdict, listed
 
 FEM_CLAIMS = Statements("claim")
 
@@ -49,6 +50,16 @@ def _volumes(answer: Answer) -> FloatArray:
     cells = answer.cells[answer.block_of_point[answer.cells[:, 0]] == block]
     total = np.bincount(cells.ravel(), share, minlength=len(answer.points))
     return block_grid(answer, total.astype(np.float64), block)
+
+
+def _by_run(
+    evidence: PaperEvidence, measure: Callable[[Answer], float], cases: Iterable[str] = CASES
+) -> dict[str, float]:
+    """Measure of both blocks in some load cases; of one case, by the block alone."""
+    names = {(b, c): f"{b} {c}" for b in BLOCKS for c in cases}
+    if len(names) == len(BLOCKS):
+        names = {(b, c): b for b, c in names}
+    return {name: measure(evidence.fem(*run)) for run, name in names.items()}
 
 
 def _apart(one: FloatArray, other: FloatArray) -> float:
@@ -139,21 +150,19 @@ def _peaks_found(evidence: PaperEvidence) -> ClaimVerdict:
 
 @FEM_CLAIMS.add
 def _areas_fem(evidence: PaperEvidence) -> ClaimVerdict:
-    values, words = {}, []
-    for case, target in (("pipe", 30.0), ("tunnel", 50.0)):
-        contacts = [evidence.fem(b, case).report["contact"] for b in BLOCKS]
-        counts = [c["effective_count_percent"] for c in contacts]
-        values[case] = counts
-        words.append(
-            f"{case}: {counts[0]:.0f} % (TSB1), {counts[1]:.0f} % (TSB2), said: {target:g} %"
+    said = {"pipe": 30.0, "tunnel": 50.0}
+    shares = {
+        case: _by_run(
+            evidence, lambda run: run.report["contact"]["effective_count_percent"], [case]
         )
-    holds = all(abs(v - t) <= 5 for k, t in (("pipe", 30), ("tunnel", 50)) for v in values[k])
+        for case in said
+    }
+    words = (f"{c}: {listed(of, '{:.0f} %')}, said: {said[c]:g} %" for c, of in shares.items())
     return claim_verdict(
-        holds,
-        "of the elements of deformable blocks; "
-        + "; ".join(words)
-        + ". Their pressures are more concentrated than those of rigid blocks",
-        effective_count_percent=values,
+        all(abs(share - said[case]) <= 5 for case, of in shares.items() for share in of.values()),
+        f"of the elements of deformable blocks; {'; '.join(words)}. Their pressures are more "
+        "concentrated than those of rigid blocks",
+        effective_count_percent={case: list(of.values()) for case, of in shares.items()},
     )
 
 
@@ -163,13 +172,10 @@ def _areas_fem(evidence: PaperEvidence) -> ClaimVerdict:
 
 @FEM_CLAIMS.add
 def _layers_repeat(evidence: PaperEvidence) -> ClaimVerdict:
-    differences = {}
-    for block in BLOCKS:
-        for case in ("pipe", "tunnel", "pillar", "shaft"):
-            answer = evidence.fem(block, case)
-            differences[f"{block} {case}"] = max(
-                _apart(_sigma(answer, k), _sigma(answer, k + 2)) for k in range(4, 8)
-            )
+    def apart(answer: Answer) -> float:
+        return max(_apart(_sigma(answer, k), _sigma(answer, k + 2)) for k in range(4, 8))
+
+    differences = _by_run(evidence, apart, ("pipe", "tunnel", "pillar", "shaft"))
     worst = max(v for k, v in differences.items() if "shaft" not in k)
     shaft = min(v for k, v in differences.items() if "shaft" in k)
     return claim_verdict(
@@ -180,21 +186,22 @@ def _layers_repeat(evidence: PaperEvidence) -> ClaimVerdict:
     )
 
 
+def _share_under_waves(answer: Answer) -> float:
+    """Of the nodes with the highest 1 % of σ₁, the share within a fifth of the height of a wave."""
+    tension = answer.fields["principal_stress"][:, 0]
+    free = answer.problem.blocks.free_blocks
+    values = np.array([block_grid(answer, tension, int(b)) for b in free])
+    height = np.linspace(0.0, 1.0, values.shape[3])
+    high = height[np.nonzero(values > np.quantile(values, 0.99))[3]]
+    return float(((high <= 0.2) | (high >= 0.8)).mean())
+
+
 @FEM_CLAIMS.add
 def _under_the_waves(evidence: PaperEvidence) -> ClaimVerdict:
-    shares = {}
-    for block in BLOCKS:
-        for case in CASES:
-            answer = evidence.fem(block, case)
-            tension = answer.fields["principal_stress"][:, 0]
-            free = answer.problem.blocks.free_blocks
-            values = np.array([block_grid(answer, tension, int(b)) for b in free])
-            height = np.linspace(0.0, 1.0, values.shape[3])
-            high = height[np.nonzero(values > np.quantile(values, 0.99))[3]]
-            shares[f"{block} {case}"] = float(((high <= 0.2) | (high >= 0.8)).mean())
+    shares = _by_run(evidence, _share_under_waves)
     least = min(shares, key=lambda key: shares[key])
     return claim_verdict(
-        min(shares.values()) > 0.8,
+        shares[least] > 0.8,
         "of the nodes with the highest 1 % of σ₁, within a fifth of the height from a sinusoidal "
         f"face: {100 * np.mean(list(shares.values())):.0f} % (mean of ten runs), least "
         f"{100 * shares[least]:.0f} % ({least})",
@@ -239,34 +246,27 @@ def _far_side(evidence: PaperEvidence) -> ClaimVerdict:
     )
 
 
-def _next_layer(answer: Answer) -> tuple[float, float]:
-    """How far σ₁ of the layer above the middle one is from it, turned by 180° and mirrored [-]."""
-    here, above = _sigma(answer, _LAYER), _sigma(answer, _LAYER + 1)
-    return _apart(here, above[:, ::-1, ::-1]), _apart(here, above[:, ::-1])
+def _next_layer(block: str, other: str) -> Callable[[PaperEvidence], ClaimVerdict]:
+    """Whether σ₁ of the layer above the middle one is that of it, turned by 180° or mirrored."""
+
+    def judge(evidence: PaperEvidence) -> ClaimVerdict:
+        answer = evidence.fem(block, "pipe")
+        here, above = _sigma(answer, _LAYER), _sigma(answer, _LAYER + 1)
+        changed = {"turned by 180°": above[:, ::-1, ::-1], "mirrored": above[:, ::-1]}
+        apart = {name: _apart(here, field) for name, field in changed.items()}
+        (said,) = set(changed) - {other}
+        return claim_verdict(
+            apart[said] < 0.05,
+            f"σ₁ of layer 8 {said} differs from layer 7 by {100 * apart[said]:.1f} % "
+            f"({other}: {100 * apart[other]:.0f} %)",
+            **{name.split()[0]: value for name, value in apart.items()},
+        )
+
+    return judge
 
 
-@FEM_CLAIMS.add
-def _half_turn(evidence: PaperEvidence) -> ClaimVerdict:
-    turned, mirrored = _next_layer(evidence.fem("TSB1", "pipe"))
-    return claim_verdict(
-        turned < 0.05,
-        f"σ₁ of layer 8 turned by 180° differs from layer 7 by {100 * turned:.1f} % "
-        f"(mirrored: {100 * mirrored:.0f} %)",
-        turned=turned,
-        mirrored=mirrored,
-    )
-
-
-@FEM_CLAIMS.add
-def _mirror(evidence: PaperEvidence) -> ClaimVerdict:
-    turned, mirrored = _next_layer(evidence.fem("TSB2", "pipe"))
-    return claim_verdict(
-        mirrored < 0.05,
-        f"σ₁ of layer 8 mirrored differs from layer 7 by {100 * mirrored:.1f} % "
-        f"(turned by 180°: {100 * turned:.0f} %)",
-        turned=turned,
-        mirrored=mirrored,
-    )
+FEM_CLAIMS.add(_next_layer("TSB1", other="mirrored"), "half-turn")
+FEM_CLAIMS.add(_next_layer("TSB2", other="turned by 180°"), "mirror")
 
 
 @FEM_CLAIMS.add
@@ -311,35 +311,37 @@ def _peaks(answer: Answer, side: str) -> tuple[FloatArray, FloatArray]:
     return np.array(peaks), np.array(distances)
 
 
+def _both_peaks(answer: Answer) -> tuple[dict[str, FloatArray], float, str]:
+    """Peaks of both faces, the largest distance of one from its notch, and the peaks in words."""
+    both = {side: _peaks(answer, side) for side in ("top", "bottom")}
+    peaks = {side: values for side, (values, _) in both.items()}
+    apart = max(float(distances.max()) for _, distances in both.values())
+    places = (f"{_list(values)} MPa at the {side}" for side, values in peaks.items())
+    return peaks, apart, f"peaks of σ₁ {', '.join(places)}"
+
+
 @FEM_CLAIMS.add
 def _valleys_tsb1(evidence: PaperEvidence) -> ClaimVerdict:
-    answer = evidence.fem("TSB1", "pipe")
-    (top, far_top), (bottom, far_bottom) = _peaks(answer, "top"), _peaks(answer, "bottom")
-    apart = max(float(far_top.max()), float(far_bottom.max()))
-    ratio = float(top.max() / bottom.max())
+    peaks, apart, words = _both_peaks(evidence.fem("TSB1", "pipe"))
+    ratio = float(peaks["top"].max() / peaks["bottom"].max())
     return claim_verdict(
         apart < 0.25 and 0.5 < ratio < 2.0,
-        f"peaks of σ₁ {_list(top)} MPa at the top, {_list(bottom)} MPa at the bottom, at most "
-        f"{apart:.2f} of a wave from the notches",
-        top=top.tolist(),
-        bottom=bottom.tolist(),
+        f"{words}, at most {apart:.2f} of a wave from the notches",
+        **{side: values.tolist() for side, values in peaks.items()},
         distance=apart,
     )
 
 
 @FEM_CLAIMS.add
 def _valleys_tsb2(evidence: PaperEvidence) -> ClaimVerdict:
-    answer = evidence.fem("TSB2", "pipe")
-    (top, _), (bottom, _) = _peaks(answer, "top"), _peaks(answer, "bottom")
-    ratio = float(bottom.max() / top.max())
+    peaks, _, words = _both_peaks(evidence.fem("TSB2", "pipe"))
+    ratio = float(peaks["bottom"].max() / peaks["top"].max())
     return claim_verdict(
         ratio > 1.5,
-        f"peaks of σ₁ {_list(top)} MPa at the top, {_list(bottom)} MPa at the bottom: the "
-        f"{'top' if ratio < 1 else 'bottom'} ones are higher, {max(ratio, 1 / ratio):.1f} times. "
-        "With the wave of the tables (valley at the left edge) alone: the other way is the same "
-        "tube upside down",
-        top=top.tolist(),
-        bottom=bottom.tolist(),
+        f"{words}: the {'top' if ratio < 1 else 'bottom'} ones are higher, "
+        f"{max(ratio, 1 / ratio):.1f} times. With the wave of the tables (valley at the left edge) "
+        "alone: the other way is the same tube upside down",
+        **{side: values.tolist() for side, values in peaks.items()},
     )
 
 
@@ -350,64 +352,59 @@ def _list(values: FloatArray) -> str:
 @FEM_CLAIMS.add
 def _one_of_three(evidence: PaperEvidence) -> ClaimVerdict:
     ratios = {}
-    for block, side in (("TSB1", "top"), ("TSB1", "bottom"), ("TSB2", "top"), ("TSB2", "bottom")):
+    for block, side in product(BLOCKS, ("top", "bottom")):
         peaks = np.sort(_peaks(evidence.fem(block, "pipe"), side)[0])
         ratios[f"{block} {side}"] = float(peaks[-1] / peaks[-2])
     return claim_verdict(
         all(ratio > 1.1 for ratio in ratios.values()),
-        "highest over second: "
-        + ", ".join(f"{v:.2f} ({k})" for k, v in ratios.items())
-        + " (higher: by more than 10 %)",
+        f"highest over second: {listed(ratios)} (higher: by more than 10 %)",
         ratio=ratios,
     )
 
 
 @FEM_CLAIMS.add
 def _lower_tension(evidence: PaperEvidence) -> ClaimVerdict:
-    runs = {block: evidence.fem(block, "pipe") for block in BLOCKS}
-    means = {b: float(np.average(_sigma(r, _LAYER), weights=_volumes(r))) for b, r in runs.items()}
+    means = _by_run(evidence, lambda run: _mean(_sigma(run, _LAYER), _volumes(run)), cases=["pipe"])
     return claim_verdict(
         means["TSB2"] < means["TSB1"],
-        f"mean σ₁ in layer 7: {means['TSB1']:.4f} MPa (TSB1), {means['TSB2']:.4f} MPa (TSB2), "
+        f"mean σ₁ in layer 7: {listed(means, '{:.4f} MPa')}, "
         f"{100 * (means['TSB2'] / means['TSB1'] - 1):+.1f} %",
         mean_sigma_1=means,
     )
 
 
-def _share(answer: Answer, where: BoolArray) -> float:
-    """Share of a block's volume."""
-    volumes = _volumes(answer)
-    return float(volumes[where].sum() / volumes.sum())
+def _mean(values: FloatArray, weights: FloatArray) -> float:
+    return float(np.average(values, weights=weights))
 
 
-@FEM_CLAIMS.add
-def _localized(evidence: PaperEvidence) -> ClaimVerdict:
-    shares = {}
-    for block in BLOCKS:
-        answer = evidence.fem(block, "pipe")
-        values = np.abs(_sigma(answer, _LAYER))
-        shares[block] = _share(answer, values > np.quantile(values, 0.999) / 3)
-    return claim_verdict(
-        shares["TSB2"] < shares["TSB1"],
-        "volume with σ₁ above a third of its peak: "
-        + ", ".join(f"{100 * v:.1f} % ({k})" for k, v in shares.items()),
-        share=shares,
-    )
+def _where_peaked(answer: Answer) -> BoolArray:
+    values = np.abs(_sigma(answer, _LAYER))
+    return values > np.quantile(values, 0.999) / 3
 
 
-@FEM_CLAIMS.add
-def _compressed(evidence: PaperEvidence) -> ClaimVerdict:
-    limit = 0.1
-    shares = {}
-    for block in BLOCKS:
-        answer = evidence.fem(block, "pipe")
-        shares[block] = _share(answer, _sigma(answer, _LAYER, 2) < -limit)
-    return claim_verdict(
-        shares["TSB2"] > shares["TSB1"],
-        f"volume with σ₃ below -{limit:g} MPa: "
-        + ", ".join(f"{100 * v:.1f} % ({k})" for k, v in shares.items()),
-        share=shares,
-    )
+def _volume_share(
+    words: str, where: Callable[[Answer], BoolArray], *, larger: bool
+) -> Callable[[PaperEvidence], ClaimVerdict]:
+    """Whether a share of the volume of a block of layer 7 is larger, or smaller, in TSB2."""
+
+    def judge(evidence: PaperEvidence) -> ClaimVerdict:
+        shares = _by_run(evidence, lambda run: _mean(where(run), _volumes(run)), cases=["pipe"])
+        more = shares["TSB2"] > shares["TSB1"]
+        less = shares["TSB2"] < shares["TSB1"]
+        percent = {block: 100 * share for block, share in shares.items()}
+        number = f"volume with {words}: {listed(percent, '{:.1f} %')}"
+        return claim_verdict(more if larger else less, number, share=shares)
+
+    return judge
+
+
+FEM_CLAIMS.add(
+    _volume_share("σ₁ above a third of its peak", _where_peaked, larger=False), "localized"
+)
+FEM_CLAIMS.add(
+    _volume_share("σ₃ below -0.1 MPa", lambda run: _sigma(run, _LAYER, 2) < -0.1, larger=True),
+    "compressed",
+)
 
 
 # ---------------------------------------------------------------------------------------------
@@ -417,17 +414,17 @@ def _compressed(evidence: PaperEvidence) -> ClaimVerdict:
 def _mean_displacement(answer: Answer) -> float:
     volumes, size = _volumes(answer), np.linalg.norm(answer.fields["displacement"], axis=1)
     grids = (block_grid(answer, size, int(b)) for b in answer.problem.blocks.free_blocks)
-    return float(np.mean([np.average(grid, weights=volumes) for grid in grids]))
+    return float(np.mean([_mean(grid, volumes) for grid in grids]))
 
 
 def _smaller_displacement(case: str) -> Callable[[PaperEvidence], ClaimVerdict]:
     def judge(evidence: PaperEvidence) -> ClaimVerdict:
-        one, two = (_mean_displacement(evidence.fem(b, case)) for b in BLOCKS)
+        means = _by_run(evidence, _mean_displacement, [case])
+        micrometres = {block: 1e3 * mean for block, mean in means.items()}
         return claim_verdict(
-            one < two,
-            f"mean displacement {1e3 * one:.2f} µm (TSB1), {1e3 * two:.2f} µm (TSB2), no initial "
-            "gap",
-            mean_displacement=[one, two],
+            means["TSB1"] < means["TSB2"],
+            f"mean displacement {listed(micrometres, '{:.2f} µm')}, no initial gap",
+            mean_displacement=list(means.values()),
         )
 
     return judge
@@ -457,29 +454,27 @@ def _far_axial_stress(answer: Answer, force: FloatArray) -> float:
     return float(np.concatenate(values).mean())
 
 
+def _over_solid(answer: Answer) -> float:
+    """Largest displacement over that of a solid tube by beam theory, of a shaft by torsion."""
+    (length, bending), material = _monolith(answer), answer.problem.material
+    largest, load = answer["max_displacement"].value, answer.case.keys["load"]
+    if load["case"] == "beam":
+        force = float(np.linalg.norm(_load(answer)))
+        return largest / (force * length**3 / (192 * material.young_modulus * bending))
+    block = block_of_tube(answer.case)
+    torque = load["pressure"] * 2 * np.pi * block.outer_radius**2 * block.height
+    shear = material.young_modulus / (2 * (1 + material.poisson_ratio))
+    turn = torque / 2 * (length / 2) / (shear * 2 * bending)
+    return largest / float(turn * block.outer_radius)
+
+
 @FEM_CLAIMS.add
 def _monolithic(evidence: PaperEvidence) -> ClaimVerdict:
-    ratios = {}
-    for name in BLOCKS:
-        answer = evidence.fem(name, "beam")
-        (length, bending), material = _monolith(answer), answer.problem.material
-        force = float(np.linalg.norm(_load(answer)))
-        sag = force * length**3 / (192 * material.young_modulus * bending)
-        ratios[f"{name} beam"] = answer["max_displacement"].value / sag
-        answer = evidence.fem(name, "shaft")
-        block = block_of_tube(answer.case)
-        pressure = answer.case.keys["load"]["pressure"]
-        torque = pressure * 2 * np.pi * block.outer_radius**2 * block.height
-        shear = material.young_modulus / (2 * (1 + material.poisson_ratio))
-        turn = torque / 2 * (length / 2) / (shear * 2 * bending)
-        ratios[f"{name} shaft"] = answer["max_displacement"].value / float(
-            turn * block.outer_radius
-        )
+    ratios = _by_run(evidence, _over_solid, ("beam", "shaft"))
     return claim_verdict(
         all(ratio < 2 for ratio in ratios.values()),
         "largest displacement over that of a solid tube (beam and torsion theory): "
-        + ", ".join(f"{v:.0f} ({k})" for k, v in ratios.items())
-        + ": the shape may follow, the size does not",
+        f"{listed(ratios, '{:.0f}')}: the shape may follow, the size does not",
         ratio=ratios,
     )
 
