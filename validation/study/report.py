@@ -167,7 +167,7 @@ def cell(name: str) -> Callable[[Mapping[str, Any]], str]:
     def words(row: Mapping[str, Any]) -> str:
         value, error = row.get(name), row.get(f"{name}_error")
         if isinstance(value, float):
-            return Measure(value, "", error).value_words.rstrip()
+            return " ".join(Measure(value, "", error).value_words.split())
         return "–" if value is None else str(value)
 
     return words

@@ -388,7 +388,11 @@ def _volume_share(
     """Whether a share of the volume of a block of layer 7 is larger, or smaller, in TSB2."""
 
     def judge(evidence: PaperEvidence) -> ClaimVerdict:
-        shares = _by_run(evidence, lambda run: _mean(where(run), _volumes(run)), cases=["pipe"])
+        shares = _by_run(
+            evidence,
+            lambda run: _mean(where(run).astype(np.float64), _volumes(run)),
+            cases=["pipe"],
+        )
         more = shares["TSB2"] > shares["TSB1"]
         less = shares["TSB2"] < shares["TSB1"]
         percent = {block: 100 * share for block, share in shares.items()}

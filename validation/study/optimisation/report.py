@@ -12,6 +12,7 @@ from typing import Any
 from rich.console import Console
 from rich.table import Table
 
+from geometry.answer import Measure
 from validation.output.console import plain_console, tabled
 from validation.output.pictures.gallery import save_figure, subplots
 from validation.output.pictures.scales import BLUE, VERMILION
@@ -40,8 +41,7 @@ def optimise(
             best = search.feasible[:1]
             scores = best[0].scores(stated.measures) if best else None
             least = "none within the limits yet" if scores is None else f"best {scores[0]:.4g}"
-            words = f"{stated.study.name}: {len(search.points)} of {stated.evaluations}"
-            progress(f"{words}, {least}")
+            progress(f"{len(search.points)} of {stated.evaluations} designs, {least}")
 
     run_search(search, StudyRows(path, stated.study), runner(stated.study), tell)
     if stated.judge is None:
@@ -211,15 +211,24 @@ def _draw_course(search: Search, axes: Any) -> None:
 
 
 def _draw_judged(search: Search, final: list[Point], axes: Any) -> None:
-    name, order = search.stated.measures[0], list(search.points)
-    of = [p for p in final if p.row.get(name) is not None]
-    if of:
-        axes.errorbar(
-            [order.index(p.places) + 1 for p in of],
-            [p.row[name] for p in of],
-            yerr=[p.row.get(f"{name}_error") or 0.0 for p in of],
-            fmt="s",
-            capsize=3,
-            color="black",
-            label="judged again",
-        )
+    """Draw the answers that decide; one that its mesh does not resolve has no bar to draw."""
+    name, order, judge = search.stated.measures[0], list(search.points), search.stated.judge
+    who = "deformable blocks" if judge is not None and judge.quantity == "fem" else "judged again"
+    values = [(p, p.row[name], p.row.get(f"{name}_error")) for p in final if p.row.get(name)]
+    numbers = {p.places: Measure(value, "", error).is_number for p, value, error in values}
+    for resolved, fill, words in (
+        (True, "black", who),
+        (False, "none", f"{who}, not resolved"),
+    ):
+        of = [one for one in values if numbers[one[0].places] is resolved]
+        if of:
+            axes.errorbar(
+                [order.index(p.places) + 1 for p, *_ in of],
+                [value for _, value, _ in of],
+                yerr=[error or 0.0 for *_, error in of] if resolved else None,
+                fmt="s",
+                capsize=3,
+                color="black",
+                markerfacecolor=fill,
+                label=words,
+            )

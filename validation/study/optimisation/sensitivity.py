@@ -196,23 +196,28 @@ class Sensitivity:
     def draw(self, path: str | Path) -> None:
         """Draw a tornado of elasticities for each measure, with error bars."""
         measures = list(dict.fromkeys(s.measure for s in self.slopes))
-        figure, axes = subplots(1, len(measures), size=(4.2 * len(measures), 4.2), squeeze=False)
+        size = (4.2 * len(measures), 4.2)
+        figure, axes = subplots(1, len(measures), size=size, squeeze=False, sharex=True)
         for panel, measure in zip(axes.flat, measures, strict=True):
-            of = [s for s in reversed(self.of(measure)) if math.isfinite(s.elasticity)]
-            values = [s.elasticity for s in of]
+            of = [(s.parameter.partition(".")[2], s) for s in reversed(self.of(measure))]
+            values = [0.0 if math.isnan(s.elasticity) else s.elasticity for _, s in of]
             panel.barh(
-                [s.parameter.partition(".")[2] for s in of],
+                [name for name, _ in of],
                 values,
-                xerr=[s.elasticity_error for s in of],
+                xerr=[0.0 if math.isnan(s.elasticity) else s.elasticity_error for _, s in of],
                 color=[VERMILION if v > 0.0 else BLUE for v in values],
                 capsize=3,
             )
+            for place, (_, slope) in enumerate(of):
+                if math.isnan(slope.elasticity):
+                    panel.annotate(" none", (0.0, place), va="center", fontsize="small")
             panel.axvline(0.0, color="black", linewidth=0.8)
-            panel.set_title(title_of(measure).words, loc="left")
-            left, right = panel.get_xlim()  # round-off of results that do not change is no bar
-            panel.set_xlim(min(left, -_LEAST_SPAN), max(right, _LEAST_SPAN))
+            panel.set_title(title_of(measure).words, loc="left", fontsize="medium")
             panel.set_xlabel("elasticity [–]")
             panel.grid(alpha=0.3, axis="x")
+            panel.set_axisbelow(True)
+        left, right = panel.get_xlim()  # round-off of results that do not change is no bar
+        panel.set_xlim(min(left, -_LEAST_SPAN), max(right, _LEAST_SPAN))
         blocks = "rigid" if self.method == "rigid" else "deformable"
         title = f"{self.name}, {blocks} blocks: {self.load}; what changes the results"
         figure.suptitle(title, x=0.02, ha="left", fontsize="medium")
