@@ -212,7 +212,7 @@ def test_other_commands_know_these_scenes(tmp_path: Path) -> None:
     small = ["--set", "assembly.columns=2", "--set", "assembly.rows=2"]
     status, _, err = command("fem", "tetrahedra", *small)
     assert status == 2
-    assert "mechanism of the faces" in err
+    assert "the faces of the blocks do not carry the load" in err
 
 
 def test_blocks_beyond_the_digits_of_coordinates_are_refused(tmp_path: Path) -> None:

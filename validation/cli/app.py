@@ -13,7 +13,7 @@ import typer.core
 import typer.main
 from typer.core import TyperCommand, TyperGroup, TyperOption
 
-from validation.cli import compare, cost, decks, fem, paper, rigid, robustness, scenes, study
+from validation.cli import analysis, decks, paper, scenes, study, verification
 from validation.cli.options import command
 from validation.errors import InputError, places_of, run_command
 
@@ -116,9 +116,9 @@ _COMMANDS: dict[str, dict[str, Callable[..., None]]] = {
         "scenes": scenes.scenes,
         "check": decks.check,
         "show": scenes.show,
-        "mbd": rigid.mbd,
-        "fem": fem.fem,
-        "compare": compare.compare,
+        "mbd": analysis.mbd,
+        "fem": analysis.fem,
+        "compare": analysis.compare,
         "report": scenes.report,
         "explore": scenes.explore,
         "sweep": study.sweep,
@@ -128,9 +128,9 @@ _COMMANDS: dict[str, dict[str, Callable[..., None]]] = {
         "deck": decks.deck,
     },
     "Verification": {
-        "effects": robustness.effects,
-        "cost": cost.cost,
-        "stability": robustness.stability,
+        "effects": verification.effects,
+        "cost": verification.cost,
+        "stability": verification.stability,
     },
 }
 _PARTS: tuple[Callable[..., None], ...] = (

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, cast
@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from fem.explicit.output.energy import History
+    from fem.system.reactions import PushCurve
     from mbd.building.stages import StageResults
     from validation.output.explosion import Explosion
 
@@ -58,39 +59,44 @@ def write_command_files(answer: Answer, outputs: Outputs) -> None:
     outputs.show(answer.table)
     outputs.tell_keys(answered=True)
     if outputs.folder is not None:
-        _write_files(answer, outputs)
+        for words, name, write in _files(answer):
+            outputs.write(words, name, write)
+        if answer.method != "rigid" and answer.case.method.frames > 0:
+            outputs.path(FRAMES)
+            outputs.say("frames", outputs.path("frames.pvd"))
     outputs.write_answer(answer)
 
 
-def _write_files(answer: Answer, outputs: Outputs) -> None:
-    details, rigid = answer.details, answer.method == "rigid"
+def _files(answer: Answer) -> Iterator[answer_files.File]:
+    """Files of an answer beside its numbers and fields."""
+    details, rigid, drawn = answer.details, answer.method == "rigid", pictures(answer)
     if rigid and not is_meshed(answer):
-        outputs.write("contacts", "contacts.vtu", partial(_write_contacts, answer))
+        yield "contacts", "contacts.vtu", partial(_write_contacts, answer)
     joints = details.joints if (details.holds if rigid else details.deformable.meets) else None
     sections = cast("SectionForces | None", answer.parts.get("sections"))
-    for file in answer_files.joint_files(joints, sections, answer.problem.blocks.names):
-        outputs.write(*file)
-    for name, draw in pictures(answer).items():
-        _write_picture(outputs, name, draw)
+    yield from answer_files.joint_files(joints, sections, answer.problem.blocks.names)
     if "stages" in answer.parts:
         columns = cast("StageResults", answer.parts["stages"]).table
         rows = list(zip(*columns.values(), strict=True))
-        outputs.write("stages", "stages.csv", lambda path: write_csv(path, columns, rows))
-    if rigid:
-        return
-    if details.push_curves:
-        _write_motions(answer, outputs)
-    if details.run is not None:
-        _write_history(details.run.history, answer.title, outputs)
-    if answer.case.method.frames > 0:
-        outputs.path(FRAMES)
-        outputs.say("frames", outputs.path("frames.pvd"))
+        yield "stages", "stages.csv", lambda path: write_csv(path, columns, rows)
+    if not rigid and details.push_curves:
+        from validation.output.pictures.motions import draw_motions
+
+        yield "motions", "motions.csv", partial(_write_motions, details.push_curves)
+        drawn["motions.png"] = lambda: draw_motions(answer, limit=_rigid_limit(answer))
+    if not rigid and details.run is not None:
+        from validation.output.pictures.energies import draw_energies
+
+        yield "history", "history.csv", partial(_write_history, details.run.history)
+        drawn["energies.png"] = partial(draw_energies, answer)
+    for name, draw in drawn.items():
+        yield "picture", name, partial(_save, draw)
 
 
-def _write_picture(outputs: Outputs, name: str, draw: Callable[[], Figure]) -> None:
+def _save(draw: Callable[[], Figure], path: Path) -> None:
     from validation.output.pictures.gallery import save_figure
 
-    outputs.write("picture", name, lambda path: save_figure(draw(), path))
+    save_figure(draw(), path)
 
 
 def pictures(answer: Answer) -> dict[str, Callable[[], Figure]]:
@@ -121,7 +127,7 @@ def _rigid_pictures(answer: Answer) -> dict[str, Callable[[Answer], Figure]]:
 
 
 def _deformable_pictures(answer: Answer) -> dict[str, Callable[[Answer], Figure]]:
-    """The picture of the displacement is one of tubes."""
+    """Pictures of a deformable answer; that of the displacement is one of tubes."""
     from validation.output.pictures import tubes
 
     result: dict[str, Callable[[Answer], Figure]] = {}
@@ -160,20 +166,14 @@ def _write_contacts(answer: Answer, path: Path) -> None:
     )
 
 
-def _write_motions(answer: Answer, outputs: Outputs) -> None:
-    """Write force against displacement of supports that move, next to the rigid limit."""
-    from validation.output.pictures.motions import draw_motions
-
-    curves, limit = answer.details.push_curves, _rigid_limit(answer)
+def _write_motions(curves: Iterable[PushCurve], path: Path) -> None:
+    """Write force against displacement of supports that move."""
     rows = [
         (curve.name, *row)
         for curve in curves
         for row in zip(curve.times, curve.displacements, curve.forces, strict=True)
     ]
-    heads = ("support", "time_s", "displacement_mm", "force_N")
-    outputs.write("motions", "motions.csv", lambda path: write_csv(path, heads, rows))
-    draw = partial(draw_motions, curves, title=answer.title, limit=limit)
-    _write_picture(outputs, "motions.png", draw)
+    write_csv(path, ("support", "time_s", "displacement_mm", "force_N"), rows)
 
 
 def _rigid_limit(answer: Answer) -> float | None:
@@ -184,12 +184,6 @@ def _rigid_limit(answer: Answer) -> float | None:
     return push.associated  # type: ignore[attr-defined]
 
 
-def _write_history(history: History, title: str, outputs: Outputs) -> None:
-    """Write energies over time as table and picture."""
-    from validation.output.pictures.energies import draw_energies
-
-    def table(path: Path) -> None:
-        write_whole(path, lambda partial: partial.write_text(history.csv(), "utf-8"))
-
-    outputs.write("history", "history.csv", table)
-    _write_picture(outputs, "energies.png", partial(draw_energies, history, title=title))
+def _write_history(history: History, path: Path) -> None:
+    """Write energies over time."""
+    write_whole(path, lambda partial: partial.write_text(history.csv(), "utf-8"))

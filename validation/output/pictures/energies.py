@@ -12,11 +12,12 @@ from validation.output.pictures.scales import BLUE, GREEN, GREY, ORANGE, SKY, VE
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from fem.explicit.output.energy import History
+    from geometry.answer import Answer
 
 
-def draw_energies(history: History, *, title: str) -> Figure:
+def draw_energies(answer: Answer) -> Figure:
     """Plot the energies of a run over time, and the error of their balance."""
+    history = answer.details.run.history
     time = 1e3 * history.column("time")
     dissipation = sum(
         history.column(name)
@@ -41,7 +42,7 @@ def draw_energies(history: History, *, title: str) -> Figure:
         if np.any(values != 0.0):
             upper.plot(time, values, color=colour, linestyle=style, label=label)
     upper.set_ylabel("energy [N mm]")
-    upper.set_title(wrapped(f"{title}: energies", size[0]), loc="left", fontsize="medium")
+    upper.set_title(wrapped(f"{answer.title}: energies", size[0]), loc="left", fontsize="medium")
     upper.legend(frameon=False, ncols=2)
     upper.grid(alpha=0.3)
     lower.plot(time, history.column("energy_balance"), color="black")

@@ -12,19 +12,19 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from fem.system.reactions import PushCurve
+    from geometry.answer import Answer
 
 #: Forces from here on are drawn in kN [N].
 _KILO = 1e4
 _COLOURS = (BLUE, VERMILION, GREEN, ORANGE)
 
 
-def draw_motions(
-    curves: tuple[PushCurve, ...], *, title: str, limit: float | None = None
-) -> Figure:
+def draw_motions(answer: Answer, *, limit: float | None = None) -> Figure:
     """Plot force against displacement of each support that moves, the largest force marked.
 
     Beside it the limit load of rigid blocks [N], where there is one.
     """
+    curves: tuple[PushCurve, ...] = answer.details.push_curves
     figure, axes = subplots(1, 1, size=(7.0, 4.5))
     most = max(limit or 0.0, *(abs(curve.forces).max() for curve in curves))
     unit, name = (1e-3, "kN") if most >= _KILO else (1.0, "N")
@@ -55,7 +55,7 @@ def draw_motions(
         )
     axes.set_xlabel("displacement of the support [mm]")
     axes.set_ylabel(f"force on the blocks [{name}]")
-    words = wrapped(f"{title}: force against displacement", 7.0)
+    words = wrapped(f"{answer.title}: force against displacement", 7.0)
     axes.set_title(words, loc="left", fontsize="medium")
     axes.margins(0.1)
     axes.grid(alpha=0.3)
