@@ -35,10 +35,11 @@ from geometry.parts.measures import (
 )
 from geometry.parts.placed import AnyBlocks
 from geometry.polyhedra.bare_contacts import CROSSING_EDGES, STANDING_CORNER
-from mbd.analysis import AnalysisError, RigidStatement, as_statement, rigid_result
+from mbd.analysis import AnalysisError, as_statement, rigid_result
 from mbd.options import Rigid, Stages
 from mbd.results.result import RigidResult
 from mbd.results.rows import rigid_rows
+from mbd.system import RigidStatement
 
 if TYPE_CHECKING:
     from geometry.parts.rows import Part

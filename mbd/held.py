@@ -25,22 +25,16 @@ from geometry.errors import RefusedError
 from geometry.interface import Interfaces
 from geometry.loads import LoadCase
 from geometry.mesh import FloatArray
-from geometry.parts.pairs import pair_values
 from geometry.parts.placed import AnyBlocks
 from geometry.polyhedra.assembly import as_polyhedral
 from geometry.polyhedra.options import DetectionOptions
-from mbd.analysis import JointFriction, RigidStatement
-from mbd.contacts.jacobian import RigidContacts, contact_jacobian
 from mbd.friction.equilibrium import (
     MOST_FRICTION,
     FrictionalContacts,
-    frictional_contacts,
     frictional_equilibrium,
 )
-from mbd.friction.squeeze import squeeze
-from mbd.frictionless.equilibrium import Equilibrium, column_weights, newton_equilibrium
-from mbd.options import Rigid
 from mbd.results.verdict import carried_words
+from mbd.system import RigidStatement, RigidSystem, Stated
 
 #: Natural coordinates of the corners of a facet (4, 2), and of its Gauss points in each direction.
 _CORNERS = np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
@@ -111,63 +105,31 @@ class _AtCorners(Assembly):
         )
 
 
-@dataclass(frozen=True)
-class _Bearing:
-    """Rigid blocks in contact at the corners of the areas by which deformable ones press."""
-
-    blocks: AnyBlocks
-    contacts: RigidContacts
-    force: FloatArray
-    """Loads and weight, (n_rows,) [N]."""
-    friction: JointFriction | None
-
-    @cached_property
-    def frictional(self) -> FrictionalContacts:
-        """The contacts with their friction, which may be none."""
-        m, s, mu = self.contacts.block_m, self.contacts.block_s, self.friction
-        every = 0.0 if mu is None else pair_values(mu.coefficient, mu.of_pairs, m, s)
-        return frictional_contacts(self.blocks, self.contacts, every)
-
-    @cached_property
-    def smooth(self) -> Equilibrium:
-        """Equilibrium without friction."""
-        return newton_equilibrium(self.contacts.jacobian, self.force)
-
-    @property
-    def motion(self) -> str | None:
-        """Motion that the load drives, in words; None where nothing certainly moves."""
-        if self.smooth.holds:
-            return None
-        motion = self.smooth.mechanism
-        if self.friction is not None:
-            motion = frictional_equilibrium(self.frictional, self.force).mechanism
-        return None if motion is None else _words(self, motion)
-
-    @property
-    def squeeze(self) -> str | None:
-        """What has to press joints beforehand, so that friction carries the load; None: nothing."""
-        if self.friction is None:
-            return None
-        weights = column_weights(Rigid().norm, self.contacts.areas)
-        answer = frictional_equilibrium(self.frictional, self.force, weights=weights)
-        if not answer.holds:
-            return None
-        stated = self.contacts, self.frictional, self.force, answer.forces
-        result = squeeze(*stated, weights=weights)
-        if not result.needed:
-            return None
-        words = carried_words(True, result.needed)
-        return f"{words}: {result.reason()}; the load does not press them"
-
-
-def _bearing(problem: HexahedralStatement, blocks: AnyBlocks) -> _Bearing:
+def _bearing(problem: HexahedralStatement, blocks: AnyBlocks) -> RigidSystem:
     """Blocks on some contacts, under the loads of a problem."""
-    load = problem.load_case.with_wrenches(problem.rigid_weight)
-    contacts = contact_jacobian(blocks, load.fixed, load.held)
-    return _Bearing(blocks, contacts, contacts.rows(load.wrenches), problem.coulomb)
+    return RigidSystem(Stated(blocks, problem.load_case, problem.rigid_weight, problem.coulomb))
 
 
-def _at_corners(problem: HexahedralStatement, natural: float = 1.0) -> _Bearing | None:
+def _motion(system: RigidSystem) -> str | None:
+    """Motion that the load drives, in words; None where nothing certainly moves."""
+    if system.smooth.holds:
+        return None
+    answer = system.smooth if system.coulomb is None else system.with_friction
+    return None if answer.mechanism is None else _words(system, answer.mechanism)
+
+
+def _squeeze(system: RigidSystem) -> str | None:
+    """What has to press joints beforehand, so that friction carries the load; None: nothing."""
+    if system.coulomb is None or not system.with_friction.holds:
+        return None
+    result = system.squeeze(system.with_friction.forces)
+    if not result.needed:
+        return None
+    words = carried_words(True, result.needed)
+    return f"{words}: {result.reason()}; the load does not press them"
+
+
+def _at_corners(problem: HexahedralStatement, natural: float = 1.0) -> RigidSystem | None:
     """Contact at the corners of facets, or nearer to their middle by a natural coordinate.
 
     None where facets do not match, for supports that move and springs, and for many points.
@@ -184,7 +146,7 @@ def _at_corners(problem: HexahedralStatement, natural: float = 1.0) -> _Bearing 
     return _bearing(problem, points)
 
 
-def _on_faces(problem: HexahedralStatement, detection: DetectionOptions) -> _Bearing | None:
+def _on_faces(problem: HexahedralStatement, detection: DetectionOptions) -> RigidSystem | None:
     """Contact over the areas that solids share.
 
     None for curved faces, many contacts, supports that move, springs, and supports by name, which
@@ -207,10 +169,10 @@ def _is_held(load: LoadCase) -> bool:
     return not any(held.moves or held.spring is not None for held in load.held)
 
 
-def _faces_words(faces: _Bearing) -> str | None:
+def _faces_words(faces: RigidSystem) -> str | None:
     if not faces.blocks.interfaces.n_contacts:
         return "blocks touch along edges and at points alone, and edges and points carry nothing"
-    words = faces.motion
+    words = _motion(faces)
     if words is None:
         return None
     return f"the faces of the blocks do not carry the load: {words} (edges and corners carry none)"
@@ -233,7 +195,7 @@ def require_held(problem: HexahedralStatement, solids: DetectionOptions | None =
     """
     friction = problem.coulomb
     corners = None if friction is None else _at_corners(problem)
-    words = None if corners is None else corners.motion
+    words = None if corners is None else _motion(corners)
     if words is not None:
         assert friction is not None
         least = min([friction.coefficient, *(pair[2] for pair in friction.of_pairs)])
@@ -261,10 +223,10 @@ def why_unheld(problem: HexahedralStatement, solids: DetectionOptions | None = N
     """
     if solids is not None:
         faces = _on_faces(problem, solids)
-        words = None if faces is None else _faces_words(faces) or faces.squeeze
+        words = None if faces is None else _faces_words(faces) or _squeeze(faces)
     else:
         corners = _at_corners(problem)
-        words = None if corners is None else corners.motion
+        words = None if corners is None else _motion(corners)
         words = words and (
             f"contacts and supports do not carry the load: {words}; `tubelock mbd` draws it: hold "
             "that motion, or add `friction`"
@@ -272,7 +234,7 @@ def why_unheld(problem: HexahedralStatement, solids: DetectionOptions | None = N
     if words is not None or problem.coulomb is None:
         return words
     inside = _at_corners(problem, _GAUSS)
-    words = None if inside is None else inside.motion
+    words = None if inside is None else _motion(inside)
     return words and (
         "facets that match press at Gauss points, 0.21 of a facet inside their edges, and over "
         f"those {words}; expected a finer mesh, or meshes that do not match, whose contact reaches "
@@ -300,9 +262,9 @@ def _straight_motion(frictional: FrictionalContacts, force: FloatArray) -> Float
     return frictional_equilibrium(shifted, shifted.admissible(force)).mechanism
 
 
-def _words(bearing: _Bearing, motion: FloatArray) -> str:
+def _words(system: RigidSystem, motion: FloatArray) -> str:
     """Name the joint that moves most and how, in a motion that a load drives."""
-    contacts, frictional, force = bearing.contacts, bearing.frictional, bearing.force
+    contacts, frictional, force = system.contacts, system.frictional, system.force
     straight = _straight_motion(frictional, force)
     relative = frictional.slip(motion if straight is None else straight)
     most = int(np.linalg.norm(relative, axis=1).argmax())

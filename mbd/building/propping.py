@@ -21,7 +21,7 @@ from mbd.contacts.jacobian import RigidContacts
 from mbd.friction.equilibrium import admissible_cones
 from mbd.options import Along
 from mbd.programs import Work, least_conic
-from mbd.results.parts import Question
+from mbd.system import RigidSystem
 
 #: Props below this part of the weight that is placed are none.
 NO_PROP = 1e-6
@@ -34,21 +34,21 @@ _COVERED = 0.99
 
 
 def least_propping(
-    question: Question, sweeps: Sweeps, may: BoolArray, direction: Along
+    system: RigidSystem, sweeps: Sweeps, may: BoolArray, direction: Along
 ) -> tuple[FloatArray, FloatArray] | None:
     """Forces of the joints (n_contacts, 3), and props about centroids (n_blocks, 6) [N, N mm].
 
     ``may``: which blocks may be propped, (n_blocks,). None: nothing balances the weight.
     """
-    owner, along, wrenches = _unit_props(question.blocks, sweeps, may, direction)
+    owner, along, wrenches = _unit_props(system.blocks, sweeps, may, direction)
     if not len(owner):
         return None
-    columns = _columns(question.contacts, owner, wrenches)
-    found = _least(question, columns, along, owner)
+    columns = _columns(system.contacts, owner, wrenches)
+    found = _least(system, columns, along, owner)
     if found is None:
         return None
     forces, sizes = found
-    props = np.zeros((question.blocks.n_blocks, 6))
+    props = np.zeros((system.blocks.n_blocks, 6))
     np.add.at(props, owner, sizes[:, None] * wrenches)
     return forces, props
 
@@ -121,7 +121,7 @@ def _columns(contacts: RigidContacts, owner: IntArray, wrenches: FloatArray) -> 
 
 
 def _least(
-    question: Question, props: sp.csc_array, along: FloatArray, owner: IntArray
+    system: RigidSystem, props: sp.csc_array, along: FloatArray, owner: IntArray
 ) -> tuple[FloatArray, FloatArray] | None:
     """Forces of the joints (n_contacts, 3) and props (n,) of least sum; None: nothing balances.
 
@@ -130,13 +130,13 @@ def _least(
     """
     import clarabel
 
-    frictional, load = question.frictional, question.all_loads
+    frictional, load = system.frictional, system.force
     n, k, size = 3 * frictional.n_contacts, len(along), float(np.linalg.norm(load))
     joints, cones = admissible_cones(frictional)
     rows: Any = sp.block_diag([joints, sp.eye_array(k + 1)]) if n else sp.eye_array(k + 1)
     # The last unknown is what the sum misses of its limit.
     total = np.concatenate([np.zeros(n), along[:, 2], [1.0]])
-    column = np.ones(n // 3) if question.weights is None else question.weights
+    column = system.weights
     axis = 3 * owner[:, None] + np.arange(3)
     entries = along.ravel(), (axis.ravel(), np.repeat(np.arange(k), 3))
     of_block = sp.coo_array(entries, (int(axis.max()) + 1, k)).tocsc()

@@ -30,18 +30,14 @@ from geometry.parts.balance import of_fixed_blocks, together
 from geometry.parts.measures import joint_resultants
 from geometry.parts.placed import AnyBlocks
 from geometry.parts.rows import Row, finite, first_of, grouped, number
-from mbd.analysis import RigidStatement, Stated, rubbing
 from mbd.building.order import Order, StagesError
 from mbd.building.propping import NO_PROP, least_propping
 from mbd.building.take_out import Removal, WayOut
-from mbd.contacts.jacobian import contact_jacobian, contact_wrenches
+from mbd.contacts.jacobian import contact_wrenches
 from mbd.contacts.supports import support_wrenches
 from mbd.friction.loading import MOST_SECONDS
-from mbd.friction.squeeze import squeeze
-from mbd.frictionless.equilibrium import column_weights, equilibrium
-from mbd.frictionless.mechanism import Classification, MechanismClass
 from mbd.options import Along, Rigid, Stages
-from mbd.results.parts import Question
+from mbd.system import RigidStatement, RigidSystem, Stated
 
 if TYPE_CHECKING:
     from geometry.answer import Answer
@@ -440,21 +436,21 @@ class Construction:
         """
         blocks = self.blocks.only(there)
         load = self._weight_of(blocks, there)
-        question = self._question(blocks, load)
-        balance, props = question.balance, np.zeros((blocks.n_blocks, 6))
+        system = RigidSystem(Stated(blocks, load, None, self.problem.coulomb), self.method)
+        balance, props = system.balance, np.zeros((blocks.n_blocks, 6))
         stands, forces, sought = Stands.STANDS, None, 0.0
         size = float(np.linalg.norm(load.wrenches[~load.fixed, :3].sum(axis=0)))
-        if balance is None and question.smooth.holds:
-            forces = question.smooth.with_tangents.forces
+        if balance is None and system.frictionless.holds:
+            forces = system.frictionless.with_tangents.forces
         elif balance is not None and balance.holds:
             forces, before = balance.forces, allowance().work
             # The last stage, which is the verdict of the whole, has its own limit.
             left = MOST_SECONDS if there.all() else left
-            stands = self._pressed(question, forces, left)
+            stands = self._pressed(system, forces, left)
             sought = before - allowance().work
         else:
             may = there & self._may & ~self.fixed
-            propped = least_propping(question, self.search.sweeps, may, self.stated.along)
+            propped = least_propping(system, self.search.sweeps, may, self.stated.along)
             stands = Stands.FALLS
             if propped is not None:
                 forces, props = propped
@@ -463,7 +459,7 @@ class Construction:
         thrust = largest = residual = np.nan
         if forces is not None:
             thrust, largest, residual = (
-                x if x > _NOTHING * size else 0.0 for x in _held(question, forces, props)
+                x if x > _NOTHING * size else 0.0 for x in _held(system, forces, props)
             )
             residual /= size or 1.0
         return {
@@ -513,42 +509,12 @@ class Construction:
         )
 
     @staticmethod
-    def _pressed(question: Question, forces: FloatArray, left: float) -> Stands:
+    def _pressed(system: RigidSystem, forces: FloatArray, left: float) -> Stands:
         """Whether the weight itself presses the joints that need friction, within what is left."""
-        if question.smooth.holds:
-            return Stands.STANDS
-        if left <= 0.0:
+        if left <= 0.0 and not system.frictionless.holds:
             return Stands.PRESSED
-        found = squeeze(
-            question.contacts,
-            question.frictional,
-            question.all_loads,
-            forces,
-            weights=question.weights,
-            limit=left,
-        )
-        return Stands.STANDS if found.needed is False else Stands.PRESSED
-
-    def _question(self, blocks: AnyBlocks, load: LoadCase) -> Question:
-        coulomb, method, weight = rubbing(self.problem.coulomb), self.method, load.wrenches
-        contacts = contact_jacobian(blocks, load.fixed, load.held)
-        smooth = equilibrium(
-            contacts.jacobian,
-            contacts.rows(weight),
-            solver=method.solver,
-            weights=column_weights(method.norm, contacts.areas),
-        )
-        return Question(
-            blocks=blocks,
-            load=load,
-            wrenches=(weight, np.zeros_like(weight)),
-            method=method,
-            friction=None if coulomb is None else coulomb.coefficient,
-            of_pairs=() if coulomb is None else coulomb.of_pairs,
-            smooth=smooth,
-            frictionless=Classification(MechanismClass.UNDECIDED, None),
-            tell=lambda _: None,
-        )
+        pressed = system.squeeze(forces, left)
+        return Stands.STANDS if pressed.needed is False else Stands.PRESSED
 
     def _check_air(self, there: BoolArray) -> None:
         """Reject blocks that nothing holds and nothing may prop."""
@@ -570,16 +536,16 @@ class Construction:
             )
 
 
-def _held(question: Question, forces: FloatArray, props: FloatArray) -> tuple[float, float, float]:
+def _held(system: RigidSystem, forces: FloatArray, props: FloatArray) -> tuple[float, float, float]:
     """Largest thrust of a support, largest normal force of a joint, imbalance [N]."""
-    blocks, load, contacts = question.blocks, question.load, question.contacts
+    blocks, load, contacts = system.blocks, system.load, system.contacts
     result, index = blocks.interfaces, contacts.index
-    world = question.frictional.world(forces, result.normals[index])
+    world = system.frictional.world(forces, result.normals[index])
     joints = joint_resultants(result, index, world, None)
     acting = load.wrenches + props
     held, taken = support_wrenches(blocks, load, acting + contact_wrenches(blocks, index, world))
     fixed = of_fixed_blocks(blocks, joints, np.flatnonzero(load.fixed), taken)
-    rest = question.frictional.matrix @ forces.ravel() + contacts.rows(acting)
+    rest = system.frictional.matrix @ forces.ravel() + contacts.rows(acting)
     return (
         float(together(held, fixed).thrusts.max(initial=0.0)),
         float(joints.normal_force.max(initial=0.0)),

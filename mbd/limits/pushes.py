@@ -28,20 +28,17 @@ from typing import Any
 import numpy as np
 
 from geometry.loads import LoadCase
-from geometry.mesh import FloatArray, ReadOnlyArrays
+from geometry.mesh import FloatArray
 from geometry.parts.measures import first_largest
-from geometry.parts.pairs import OfPairs, pair_values
 from geometry.parts.placed import AnyBlocks
 from geometry.parts.regions import region_points
 from geometry.parts.rows import Row, finite, number
 from geometry.parts.supports import HeldFace
-from mbd.contacts.jacobian import RigidContacts, contact_jacobian
+from mbd.contacts.jacobian import RigidContacts
 from mbd.contacts.supports import Guide, RigidSupportError
 from mbd.friction.equilibrium import (
     CollapseLoad,
-    FrictionalContacts,
     collapse_load,
-    frictional_contacts,
 )
 from mbd.frictionless.equilibrium import (
     EQUILIBRIUM_TOLERANCE,
@@ -53,6 +50,7 @@ from mbd.frictionless.equilibrium import (
 from mbd.limits.sliding_collapse import SlidingCollapse, sliding_collapse
 from mbd.options import FrictionLaw, Norm
 from mbd.programs import Work
+from mbd.system import RigidSystem, Stated
 
 _AXES = ("Fx", "Fy", "Fz", "Mx", "My", "Mz")
 
@@ -185,17 +183,7 @@ _WAYS = ("+x", "-x", "+y", "-y", "+z", "-z")
 class Pushes:
     """Small pushes on all blocks together that are resisted beside the load, without friction."""
 
-    blocks: AnyBlocks
-    load: LoadCase
-    norm: Norm = Norm.FORCE
-    balance: Equilibrium | None = None
-    """Equilibrium under the load in that norm: most pushes change its forces a little."""
-    weighs_alone: bool = False
-    """Whether the load is weight and nothing else."""
-
-    @cached_property
-    def _contacts(self) -> RigidContacts:
-        return contact_jacobian(self.blocks, self.load.fixed, self.load.held)
+    system: RigidSystem
 
     @cached_property
     def held(self) -> dict[str, bool]:
@@ -206,19 +194,15 @@ class Pushes:
         well the load is carried. Keys are +x, -x and so on; a direction that is neither proved held
         nor free is left out.
         """
-        contacts, known, start = self._contacts, self.balance, None
-        force = contacts.rows(self.load.wrenches)
+        contacts, force, known = self.system.contacts, self.system.force, self.system.frictionless
         size = _PUSH * (float(np.linalg.norm(force)) or 1.0)
         pushes = {way: size * push for way, push in self._pushes.items()}
-        held: dict[str, bool] = {}
-        if known is not None:
-            start, loads = known.multiplier, np.array(list(pushes.values()))
-            tolerance = EQUILIBRIUM_TOLERANCE * size
-            proved = carried_beside(contacts.jacobian, known.forces, loads, tolerance)
-            held = {way: True for way, carried in zip(_WAYS, proved, strict=True) if carried}
+        loads, tolerance = np.array(list(pushes.values())), EQUILIBRIUM_TOLERANCE * size
+        proved = carried_beside(contacts.jacobian, known.forces, loads, tolerance)
+        held = {way: True for way, carried in zip(_WAYS, proved, strict=True) if carried}
         asked = [way for way in _WAYS if way not in held]
-        others = [pushes[way] for way in asked]
-        answers = _equilibria(contacts, others, self.norm, beside=force, start=start)
+        others, norm = [pushes[way] for way in asked], self.system.method.norm
+        answers = _equilibria(contacts, others, norm, beside=force, start=known.multiplier)
         for way, (_, found) in zip(asked, answers, strict=True):
             if found.decided:
                 held[way] = found.holds
@@ -228,14 +212,14 @@ class Pushes:
     def by_load(self) -> tuple[str, ...]:
         """Directions in which nothing but the load holds the blocks: they would be lifted."""
         ways = [way for way, holds in self.held.items() if holds]
-        alone = _equilibria(self._contacts, [self._pushes[way] for way in ways], Norm.FORCE)
+        alone = _equilibria(self.system.contacts, [self._pushes[way] for way in ways], Norm.FORCE)
         return tuple(way for way, (_, found) in zip(ways, alone, strict=True) if not found.holds)
 
     @cached_property
     def _pushes(self) -> dict[str, FloatArray]:
         """One newton on all free blocks by their volumes, along each way, (n_rows,) [N]."""
-        contacts = self._contacts
-        volumes = self.blocks.volumes[contacts.free_blocks]
+        contacts = self.system.contacts
+        volumes = self.system.blocks.volumes[contacts.free_blocks]
         pushes = np.zeros((len(_WAYS), len(volumes), 6))
         for k in range(len(_WAYS)):
             pushes[k, :, k // 2] = (-1.0) ** k * volumes / np.linalg.norm(volumes)
@@ -247,7 +231,8 @@ class Pushes:
     @property
     def rows(self) -> list[Row]:
         """Axes along which the assembly resists, is held by its load, and slides freely."""
-        down = "held down by its weight" if self.weighs_alone else "held by its load"
+        alone = self.system.dead.any() and not self.system.live.any()
+        down = "held down by its weight" if alone else "held by its load"
         words = []
         for title, axes in (
             (
@@ -272,22 +257,16 @@ class Pushes:
 
 
 @dataclass(frozen=True)
-class PushLimit(ReadOnlyArrays):
+class PushLimit:
     """Largest force along the displacement of a support, of which rigid blocks know the direction.
 
     Load factors are forces [N].
     """
 
-    support: str
-    """Name of the support."""
+    system: RigidSystem
+    """The block guided: a newton of the push grows beside all other loads."""
     associated: CollapseLoad
     """With joints that open as they slide: no force is larger; infinite where friction jams."""
-    contacts: FrictionalContacts
-    """Contacts, the block guided."""
-    dead: FloatArray
-    """All other loads, (n_rows,) [N]."""
-    live: FloatArray
-    """One newton of the push, alike."""
 
     @cached_property
     def sliding(self) -> SlidingCollapse:
@@ -295,8 +274,8 @@ class PushLimit(ReadOnlyArrays):
 
         By the friction pyramid inside the cone, for which states are certified in space, too.
         """
-        pyramid = replace(self.contacts, law=FrictionLaw.PYRAMID)
-        return sliding_collapse(pyramid, self.dead, self.live)
+        pyramid = replace(self.system.frictional, law=FrictionLaw.PYRAMID)
+        return sliding_collapse(pyramid, self.system.dead, self.system.live)
 
 
 @dataclass(frozen=True)
@@ -355,30 +334,15 @@ class Push:
         }
 
 
-def at_rest(load: LoadCase) -> LoadCase:
-    """Return a load without its supports that move."""
-    return replace(load, held=tuple(support for support in load.held if not support.moves))
-
-
-def push_limit(
-    assembly: AnyBlocks, load: LoadCase, friction: float, of_pairs: OfPairs = ()
-) -> PushLimit:
+def push_limit(system: RigidSystem) -> PushLimit:
     """Find the largest force of the support that moves on top of all other loads.
-
-    Parameters
-    ----------
-    assembly, load
-        Blocks and what acts on them; one of the supports moves.
-    friction
-        Coefficient of friction of all joints [-].
-    of_pairs
-        That of some pairs of blocks.
 
     Raises
     ------
     RigidSupportError
         None or several supports move, or one is a spring.
     """
+    blocks, load = system.blocks, system.load
     pushes = [support for support in load.held if support.moves]
     if len(pushes) != 1:
         raise RigidSupportError(
@@ -386,12 +350,11 @@ def push_limit(
         )
     (push,) = pushes
     same = {part.name: getattr(push, part.name) for part in fields(push)}
-    held = (*at_rest(load).held, Guide(**same))
-    contacts = contact_jacobian(assembly, load.fixed, held)
-    dead, live = contacts.rows(load.wrenches), contacts.rows(_unit_force(assembly, push))
-    coefficient = pair_values(friction, of_pairs, contacts.block_m, contacts.block_s)
-    cones = frictional_contacts(assembly, contacts, coefficient, FrictionLaw.CONE)
-    return PushLimit(push.title, collapse_load(cones, dead, live), cones, dead, live)
+    held = (*(support for support in load.held if not support.moves), Guide(**same))
+    one = LoadCase(blocks, load.name, (), load.fixed, held, body_wrenches=_unit_force(blocks, push))
+    method = replace(system.method, friction_law=FrictionLaw.CONE)
+    guided = RigidSystem(Stated(blocks, one, load.wrenches, system.coulomb), method)
+    return PushLimit(guided, collapse_load(guided.frictional, guided.dead, guided.live))
 
 
 def _unit_force(assembly: AnyBlocks, push: HeldFace) -> FloatArray:

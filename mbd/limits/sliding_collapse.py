@@ -40,9 +40,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from geometry.mesh import FloatArray, IntArray
-from geometry.parts.placed import AnyBlocks
 from geometry.parts.rows import Row, finite
-from mbd.contacts.jacobian import RigidContacts
 from mbd.friction.equilibrium import (
     TANGENTS,
     CollapseLoad,
@@ -54,6 +52,7 @@ from mbd.friction.equilibrium import (
 from mbd.frictionless.equilibrium import EQUILIBRIUM_TOLERANCE
 from mbd.options import FrictionLaw
 from mbd.programs import Work, least_conic, least_linear
+from mbd.system import RigidSystem
 
 if TYPE_CHECKING:
     from mbd.limits.force_range import PlaneProblem
@@ -559,25 +558,17 @@ class SlidingState:
 
 
 def sliding_state(
-    assembly: AnyBlocks,
-    contacts: RigidContacts,
-    found: SlidingCollapse,
-    *,
-    frictional: FrictionalContacts,
-    plane: PlaneProblem | None,
-    wrenches: tuple[FloatArray, FloatArray],
+    system: RigidSystem, found: SlidingCollapse, plane: PlaneProblem | None
 ) -> SlidingState | None:
-    """Forces and motion in space of what was found there or in a plane; None without a motion.
-
-    Wrenches are dead and live load of each block, (n_blocks, 6) each [N, N mm].
-    """
+    """Forces and motion in space of what was found there or in a plane; None without a motion."""
     if found.mechanism is None:
         return None
+    contacts, interfaces = system.contacts, system.blocks.interfaces
     kept = np.arange(len(contacts.index)) if plane is None else plane.kept
     index = contacts.index[kept]
-    points, normals = assembly.interfaces.centroids[index], assembly.interfaces.normals[index]
+    points, normals = interfaces.centroids[index], interfaces.normals[index]
     if plane is None:
-        forces = frictional.world(found.forces, normals)
+        forces = system.frictional.world(found.forces, normals)
     else:
         # Contacts on one face carry the forces of both, mirror images of each other: these act
         # half way between, and what points out of the plane cancels.
@@ -586,7 +577,7 @@ def sliding_state(
         forces = plane.contacts.world(found.forces, normals)
         forces = forces - (forces @ out)[:, None] * out
     motion = found.mechanism.reshape(-1, 6) / np.repeat([1.0, contacts.length], 3)
-    free = contacts.free_blocks
+    free, weight = contacts.free_blocks, system.stated.rigid_weight
     return SlidingState(
         block_m=contacts.block_m[kept],
         block_s=contacts.block_s[kept],
@@ -594,8 +585,8 @@ def sliding_state(
         normals=normals,
         forces=forces,
         blocks=free,
-        centroids=assembly.centroids[free],
+        centroids=system.blocks.centroids[free],
         motion=motion,
-        dead=wrenches[0][free],
-        live=wrenches[1][free],
+        dead=np.zeros((len(free), 6)) if weight is None else weight[free],
+        live=system.stated.rigid_load.wrenches[free],
     )

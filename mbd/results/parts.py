@@ -5,40 +5,27 @@ A function finds each part, which gives rows of a table and plain data.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from functools import partial
 from typing import Any
 
 import numpy as np
 
-from geometry.loads import LoadCase
 from geometry.mesh import FloatArray
-from geometry.parts.pairs import OfPairs, pair_values
-from geometry.parts.placed import AnyBlocks
 from geometry.parts.rows import Part, Row
-from mbd.contacts.jacobian import RigidContacts, contact_jacobian
 from mbd.friction.equilibrium import (
     CollapseLoad,
-    FrictionalContacts,
     RigidFrictionError,
     by_block,
     collapse_load,
-    frictional_contacts,
-    frictional_equilibrium,
 )
-from mbd.friction.loading import settled
-from mbd.friction.squeeze import Squeeze, squeeze
-from mbd.frictionless.equilibrium import Equilibrium, column_weights
-from mbd.frictionless.mechanism import Classification
+from mbd.friction.squeeze import Squeeze
+from mbd.frictionless.equilibrium import Equilibrium
 from mbd.limits.force_range import ForceRanges, PlaneProblem, force_ranges, plane_problem
 from mbd.limits.pushes import Margin, interlocking_margin
 from mbd.limits.sliding_collapse import SlidingCollapse, sliding_collapse, sliding_state
-from mbd.options import Rigid
 from mbd.results.motion import motion_of_blocks, placed_motion
-
-#: Dead and live load of each block, (n_blocks, 6) each [N, N mm].
-Wrenches = tuple[FloatArray, FloatArray]
+from mbd.system import RigidSystem
 
 
 @dataclass(frozen=True)
@@ -89,175 +76,89 @@ class Friction:
         return data
 
 
-# ---------------------------------------------------------------------------------------------
-# What is asked
-
-
-@dataclass(frozen=True, kw_only=True)
-class Question:
-    """What is asked of rigid blocks beside their equilibrium without friction."""
-
-    blocks: AnyBlocks
-    """With the contacts that count."""
-    load: LoadCase
-    """Says what is held."""
-    wrenches: Wrenches
-    """What acts."""
-    method: Rigid
-    friction: float | None
-    """Coefficient of all joints [-]; None: frictionless."""
-    of_pairs: OfPairs
-    """That of some pairs of blocks."""
-    smooth: Equilibrium
-    """Without friction. Forces that balance the load are admissible whatever the friction: no joint
-    needs a squeeze beforehand."""
-    frictionless: Classification
-    """Without friction."""
-    tell: Callable[[str], None]
-    """Called with what is being found."""
-
-    @cached_property
-    def contacts(self) -> RigidContacts:
-        """Contacts of `blocks`."""
-        return contact_jacobian(self.blocks, self.load.fixed, self.load.held)
-
-    @cached_property
-    def frictional(self) -> FrictionalContacts:
-        """Contacts with the friction that is stated, 0 where there is none."""
-        m, s = self.contacts.block_m, self.contacts.block_s
-        given = pair_values(self.friction or 0.0, self.of_pairs, m, s)
-        return frictional_contacts(self.blocks, self.contacts, given, self.method.friction_law)
-
-    @cached_property
-    def loads(self) -> Wrenches:
-        """Dead and live load in the rows of the free blocks."""
-        dead, live = map(self.contacts.rows, self.wrenches)
-        return dead, live
-
-    @property
-    def all_loads(self) -> FloatArray:
-        """Dead and live load together, (n_rows,) [N]."""
-        return self.loads[0] + self.loads[1]
-
-    @cached_property
-    def weights(self) -> FloatArray | None:
-        """Of the forces in the norm that is minimised."""
-        return column_weights(self.method.norm, self.contacts.areas)
-
-    @cached_property
-    def balance(self) -> Equilibrium | None:
-        """Equilibrium with friction; None without it."""
-        if self.friction is None:
-            return None
-        self.tell("equilibrium with friction")
-        found = frictional_equilibrium(self.frictional, self.all_loads, weights=self.weights)
-        if self.smooth.holds and not found.holds:
-            return self.smooth.with_tangents
-        return settled(found, self.frictional, self.all_loads, self.weights)
-
-    @cached_property
-    def collapse(self) -> CollapseLoad | None:
-        """Load factor at collapse; None where it is not asked."""
-        if not self.method.collapse:
-            return None
-        self.tell("load factor at collapse")
-        found = collapse_load(self.frictional, *self.loads)
-        if not np.isnan(found.factor) or found.mechanism is None:
-            return found
-        moving = placed_motion(self.blocks, found.mechanism, ~self.load.fixed)
-        motion = motion_of_blocks(self.blocks, moving, self.wrenches[0], proved=True)
-        return replace(found, status=f"{found.status}: {motion.words}")
-
-    def plane(self, *loads: FloatArray) -> PlaneProblem | None:
-        """Return the problem in the plane in which blocks and loads lie; None: there is none."""
-        for axis in range(3):
-            try:
-                plane = plane_problem(self.blocks, self.contacts, self.frictional, axis)
-                for load in loads:
-                    plane.load(load)
-            except RigidFrictionError:
-                continue
-            return plane
-        return None
-
-    def counting(self, what: str) -> Callable[[int], None]:
-        """Return a progress of programs solved."""
-        return lambda programs: self.tell(f"{what}: {programs} programs solved")
-
-
-def parts_of(asked: Question) -> dict[str, Part]:
+def parts_of(system: RigidSystem) -> dict[str, Part]:
     """What is found, by name."""
-    method, balance, collapse = asked.method, asked.balance, asked.collapse
+    method, balance = system.method, system.balance
+    collapse = _collapse(system) if method.collapse else None
     # Without a limit the answer rests on friction that jams: the ranges of forces decide.
     jams = collapse is not None and bool(np.isinf(collapse.factor))
     ranges = (method.ranges or jams) and (balance is None or balance.holds)
     parts: dict[str, Part | None] = {
-        "friction": None if balance is None else _friction(asked, balance),
+        "friction": None if balance is None else _friction(system, balance),
         "collapse": collapse,
-        "sliding": _sliding(asked) if method.sliding else None,
-        "ranges": _ranges(asked) if ranges else None,
-        "margin": _margin(asked) if method.margin else None,
+        "sliding": _sliding(system) if method.sliding else None,
+        "ranges": _ranges(system) if ranges else None,
+        "margin": _margin(system) if method.margin else None,
     }
     return {name: part for name, part in parts.items() if part is not None}
 
 
-def _friction(asked: Question, balance: Equilibrium) -> Friction:
+def _friction(system: RigidSystem, balance: Equilibrium) -> Friction:
     """Whether the load is carried with friction, and whether it presses the joints itself."""
     forces = pressed = None
     if balance.holds:
-        normals = asked.blocks.interfaces.normals[asked.contacts.index]
-        forces = asked.frictional.world(balance.forces, normals)
-        pressed = Squeeze(needed=False, programs=0)
-        if not asked.smooth.holds:
-            asked.tell("whether the load presses the joints that need friction")
-            pressed = squeeze(
-                asked.contacts,
-                asked.frictional,
-                asked.all_loads,
-                balance.forces,
-                weights=asked.weights,
-                progress=asked.counting("whether the load presses the joints"),
-            )
-    return Friction(asked.friction or 0.0, bool(asked.of_pairs), balance, forces, pressed)
+        normals = system.blocks.interfaces.normals[system.contacts.index]
+        forces = system.frictional.world(balance.forces, normals)
+        pressed = system.squeeze(balance.forces)
+    mu = system.coulomb
+    assert mu is not None
+    return Friction(mu.coefficient, bool(mu.of_pairs), balance, forces, pressed)
 
 
-def _sliding(asked: Question) -> SlidingCollapse:
+def _collapse(system: RigidSystem) -> CollapseLoad:
+    """Load factor at collapse, and how blocks move that the dead load alone moves."""
+    system.tell("load factor at collapse")
+    found = collapse_load(system.frictional, system.dead, system.live)
+    if not np.isnan(found.factor) or found.mechanism is None:
+        return found
+    moving = placed_motion(system.blocks, found.mechanism, ~system.load.fixed)
+    weight = system.stated.rigid_weight
+    motion = motion_of_blocks(system.blocks, moving, weight, proved=True)
+    return replace(found, status=f"{found.status}: {motion.words}")
+
+
+def _plane(system: RigidSystem, *loads: FloatArray) -> PlaneProblem | None:
+    """Return the problem in the plane in which blocks and loads lie; None: there is none."""
+    for axis in range(3):
+        try:
+            plane = plane_problem(system.blocks, system.contacts, system.frictional, axis)
+            for load in loads:
+                plane.load(load)
+        except RigidFrictionError:
+            continue
+        return plane
+    return None
+
+
+def _sliding(system: RigidSystem) -> SlidingCollapse:
     """Collapse by sliding without dilation, in the plane where the problem is plane."""
-    asked.tell("collapse by sliding without dilation")
-    plane, progress = asked.plane(*asked.loads), asked.counting("sliding collapse")
+    system.tell("collapse by sliding without dilation")
+    loads, progress = (system.dead, system.live), system.counting("sliding collapse")
+    plane = _plane(system, *loads)
     if plane is None:
-        result = sliding_collapse(asked.frictional, *asked.loads, progress=progress)
+        result = sliding_collapse(system.frictional, *loads, progress=progress)
     else:
-        flat = [plane.load(load) for load in asked.loads]
-        result = sliding_collapse(plane.contacts, *flat, progress=progress)
+        result = sliding_collapse(plane.contacts, *map(plane.load, loads), progress=progress)
         if result.mechanism is not None:
-            rows = np.zeros(len(asked.loads[0]))
+            rows = np.zeros(len(system.force))
             rows[plane.rows] = result.mechanism
             result = replace(result, mechanism=rows)
-    state = sliding_state(
-        asked.blocks,
-        asked.contacts,
-        result,
-        frictional=asked.frictional,
-        plane=plane,
-        wrenches=asked.wrenches,
-    )
-    return replace(result, state=state)
+    return replace(result, state=sliding_state(system, result, plane))
 
 
-def _ranges(asked: Question) -> ForceRanges | None:
+def _ranges(system: RigidSystem) -> ForceRanges | None:
     """Ranges of the joints' forces, where forces balance the load."""
 
     def progress(done: int, of: int) -> None:
-        asked.tell(f"range of the forces of joints: {done} of {of}")
+        system.tell(f"range of the forces of joints: {done} of {of}")
 
-    find = partial(force_ranges, asked.contacts, asked.all_loads, progress=progress)
-    if asked.balance is not None:
-        shown, plane = asked.balance.forces[:, 0], asked.plane(asked.all_loads)
-        return find(shown, frictional=asked.frictional, plane=plane)
-    return find(asked.smooth.forces) if asked.smooth.holds else None
+    find = partial(force_ranges, system.contacts, system.force, progress=progress)
+    if system.balance is not None:
+        shown, plane = system.balance.forces[:, 0], _plane(system, system.force)
+        return find(shown, frictional=system.frictional, plane=plane)
+    return find(system.frictionless.forces) if system.frictionless.holds else None
 
 
-def _margin(asked: Question) -> Margin:
-    progress = asked.counting("unit loads of the margin")
-    return interlocking_margin(asked.contacts, progress=progress)
+def _margin(system: RigidSystem) -> Margin:
+    progress = system.counting("unit loads of the margin")
+    return interlocking_margin(system.contacts, progress=progress)

@@ -40,6 +40,7 @@ from mbd.friction.equilibrium import (
 from mbd.frictionless.equilibrium import equilibrium, newton_equilibrium
 from mbd.frictionless.mechanism import Classification, Mechanism, SelfStress, classify
 from mbd.limits.pushes import Pushes, interlocking_margin
+from mbd.system import RigidSystem, Stated
 from tests.support.blocks import random_rotation, tsb
 from tests.support.linear_programs import solve_linear_programs
 from validation import load_case, solve
@@ -452,7 +453,7 @@ def test_what_weighs_on_a_floor_in_a_corner_is_held_against_what_it_leans_on() -
     weight = np.zeros((3, 6))
     weight[2, :3] = DOWN
     load = LoadCase(assembly, "weight", (), assembly.fixed, body_wrenches=weight)
-    held = Pushes(assembly, load).held
+    held = Pushes(RigidSystem(Stated(assembly, load))).held
     assert held == {"+x": True, "-x": False, "+y": False, "-y": False, "+z": True, "-z": True}
     assert str(analyse(assembly, load=load).details.mechanism) == "suppressed"
     turn = Rotation.from_euler("z", 90.0, degrees=True).as_matrix()
@@ -461,7 +462,9 @@ def test_what_weighs_on_a_floor_in_a_corner_is_held_against_what_it_leans_on() -
         rotations=turn @ assembly.rotations,
         translations=assembly.translations @ turn.T,
     )
-    assert [axis for axis, found in Pushes(aside, load).held.items() if found] == [
+    assert [
+        axis for axis, found in Pushes(RigidSystem(Stated(aside, load))).held.items() if found
+    ] == [
         "+y",
         "+z",
         "-z",

@@ -25,6 +25,7 @@ from mbd.limits.force_range import PlaneProblem, force_ranges, plane_problem
 from mbd.limits.pushes import Pushes
 from mbd.limits.sliding_collapse import SlidingCheck, SlidingCollapse
 from mbd.options import FrictionLaw
+from mbd.system import RigidSystem, Stated
 from tests.support.blocks import random_rotation
 
 I = np.eye(3)  # noqa: E741
@@ -232,7 +233,7 @@ def test_weight_in_a_shallow_groove_holds_against_a_small_push(degrees: float) -
     weight = np.zeros((3, 6))
     weight[2, :3] = DOWN
     load = LoadCase(assembly, "weight", (), assembly.fixed, body_wrenches=weight)
-    assert Pushes(assembly, load).held == {
+    assert Pushes(RigidSystem(Stated(assembly, load))).held == {
         "+x": True,
         "-x": True,
         "+y": False,

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from fem import CoulombFriction
 from geometry.families.boxes import ColumnBox, box_column
 from geometry.loads import LoadCase
 from geometry.parts.placed import AnyBlocks
@@ -13,6 +14,7 @@ from geometry.parts.supports import HeldFace
 from geometry.polyhedra.assembly import PolyhedralAssembly, as_polyhedral
 from mbd.contacts.supports import RigidSupportError
 from mbd.limits.pushes import Push, push_limit
+from mbd.system import RigidSystem, Stated
 
 pytestmark = pytest.mark.quick
 
@@ -41,10 +43,14 @@ def flat(bricks: AnyBlocks) -> HeldFace:
     return HeldFace(1, side, X[None, :], displacement=0.3 * X, name="punch")
 
 
+def system(load: LoadCase, friction: float) -> RigidSystem:
+    return RigidSystem(Stated(load.assembly, load, coulomb=CoulombFriction(friction)))
+
+
 @pytest.mark.parametrize("friction", [0.2, 1.5])
 def test_a_flat_punch_shifts_a_brick_with_the_force_of_its_friction(bricks, friction):
     """It holds the brick upright, so that μ W slides it however high friction is."""
-    found = push_limit(bricks, pushed(bricks, flat(bricks)), friction)
+    found = push_limit(system(pushed(bricks, flat(bricks)), friction))
     assert found.associated.certified
     assert found.associated.factor == pytest.approx(friction * WEIGHT, rel=1e-6)
     assert found.sliding.certified
@@ -59,7 +65,7 @@ def test_a_punch_on_the_upper_edge_tips_a_brick_that_would_not_slide(bricks):
     corner = middle + half * [-1.0, -1.0, 1.0]
     edge = Box(corner - 0.1, corner + np.array([0.1, B + 0.1, 0.1]))
     punch = HeldFace(1, edge, X[None, :], displacement=X)
-    found = push_limit(bricks, pushed(bricks, punch), 1.5)
+    found = push_limit(system(pushed(bricks, punch), 1.5))
     assert found.associated.certified
     arm = A * (0.5 if isinstance(bricks, PolyhedralAssembly) else 0.375)
     assert found.associated.factor == pytest.approx(WEIGHT * arm / C, rel=1e-6)
@@ -68,8 +74,8 @@ def test_a_punch_on_the_upper_edge_tips_a_brick_that_would_not_slide(bricks):
 def test_pushes_without_a_limit_are_named(bricks):
     up = flat(bricks)
     with pytest.raises(RigidSupportError, match="got 0 supports that move; expected one"):
-        push_limit(bricks, pushed(bricks), 0.3)
+        push_limit(system(pushed(bricks), 0.3))
     with pytest.raises(RigidSupportError, match="got 2 supports that move"):
-        push_limit(bricks, pushed(bricks, up, up), 0.3)
-    lifted = Push(0.3, push_limit(bricks, pushed(bricks, up, weight=-WEIGHT), 0.3))
+        push_limit(system(pushed(bricks, up, up), 0.3))
+    lifted = Push(0.3, push_limit(system(pushed(bricks, up, weight=-WEIGHT), 0.3)))
     assert lifted.words == "none: the dead load alone is not carried"

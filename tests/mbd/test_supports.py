@@ -21,6 +21,7 @@ from mbd.friction.equilibrium import collapse_load, frictional_contacts, frictio
 from mbd.limits.force_range import force_ranges
 from mbd.limits.pushes import Pushes, interlocking_margin
 from mbd.limits.sliding_collapse import sliding_collapse
+from mbd.system import RigidSystem, Stated
 
 pytestmark = pytest.mark.quick
 
@@ -194,12 +195,12 @@ def test_friction_limits_and_ranges_count_rollers():
 
 def test_resistance_to_pushes_counts_rollers(stack):
     load = case(stack, weight=10.0)
-    free = Pushes(stack, load).held
+    free = Pushes(RigidSystem(Stated(stack, load))).held
     assert not free["+x"]
     held = replace(load, held=(roller(stack, 1, -X),))
-    assert Pushes(stack, held).held["+x"]
-    assert Pushes(stack, held).held["-x"]
-    assert not Pushes(stack, held).held["+y"]
+    assert Pushes(RigidSystem(Stated(stack, held))).held["+x"]
+    assert Pushes(RigidSystem(Stated(stack, held))).held["-x"]
+    assert not Pushes(RigidSystem(Stated(stack, held))).held["+y"]
     contacts = contact_jacobian(stack, held.fixed, held.held)
     margin = interlocking_margin(contacts)
     assert np.isinf(margin.areas[0, 0]).all()
