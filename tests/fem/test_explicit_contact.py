@@ -1,7 +1,5 @@
 """Explicit contact: kernel against its plain twin, balances, symmetry, agreement with statics."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
@@ -10,19 +8,14 @@ from fem.contact.friction import Coulomb
 from fem.contact.normals import ContactNormals
 from fem.element.facet import FACET_SLOPES, FACET_VALUES
 from fem.explicit.damping import applied_forces
-from fem.explicit.setup.quasi_static import quasi_static_report
-from fem.explicit.setup.timed_system import state_of, timed_system
-from fem.explicit.solve import Output, StopCriterion, run_explicit
+from fem.explicit.setup.timed_system import timed_system
 from fem.explicit.start import prepare
 from fem.explicit.state import world_vectors
-from fem.static.solve import static_state
 from fem.system.contact_state import corner_displacements
-from fem.system.effects import AdaptiveMassDamping, Effects
-from geometry.assembly import moved
 from geometry.families.sine_block import SineBlockDivisions
 from geometry.families.tube import SineTube
 from geometry.loads import named_load
-from tests.support.blocks import random_rotation, tsb
+from tests.support.blocks import tsb
 from tests.support.fem_problems import deformable_assembly, in_contact, matched_pressures, still
 
 CONCRETE = Material(density=2.4e-9, young_modulus=33e3, poisson_ratio=0.2)
@@ -176,23 +169,6 @@ def test_friction_agrees_with_the_plain_law():
     assert np.abs(found[0] - expected[0]).max() < 1e-3 * size
 
 
-def test_action_is_reaction_and_moments_balance():
-    """All blocks deformable: forces and moments about the current positions vanish.
-
-    Rounding: forces of size F sum to eps F √n; arms of 400 mm.
-    """
-    deformable = tube(frames=Frames.DEFORMABLE)
-    displacements = random_displacements(deformable, 5e-3)
-    forces, _ = kernel_forces(timed_system(deformable), displacements)
-    total, moment, size = np.zeros(3), np.zeros(3), 0.0
-    for g, f, u in zip(deformable.bodies, forces, displacements, strict=True):
-        total += f.sum(axis=(0, 1))
-        moment += np.cross(g.reference_positions() + u, f).sum(axis=(0, 1))
-        size += np.abs(f).sum()
-    assert np.abs(total).max() < 1e-14 * size
-    assert np.abs(moment).max() < 1e-13 * 400.0 * size
-
-
 def test_two_threads_give_the_same_bits():
     deformable = tube(3)
     displacements = random_displacements(deformable, 5e-3)
@@ -200,127 +176,6 @@ def test_two_threads_give_the_same_bits():
     one, _ = kernel_forces(statement, displacements, threads=1)
     two, _ = kernel_forces(statement, displacements, threads=2)
     assert np.array_equal(one[0], two[0])
-
-
-def run_to_static(deformable, symmetry="none", **options):
-    statement = timed_system(
-        deformable,
-        counted_pressure=10.0,  # above what presses here: runs do not have to start again
-        symmetry=symmetry,
-        effects=Effects(adaptive_mass_damping=AdaptiveMassDamping(interval=50)),
-    )
-    result = run_explicit(
-        statement,
-        end_time=statement.end_time,
-        stop=StopCriterion(1e-5, statement.ramp_time),
-        **options,
-    )
-    return statement, result
-
-
-@pytest.fixture(scope="module")
-def coarse_run():
-    deformable = tube()
-    return deformable, *run_to_static(deformable)
-
-
-def rms(array):
-    return float(np.sqrt(np.mean(np.square(array))))
-
-
-def test_explicit_end_state_is_the_static_one(coarse_run):
-    """Stopped at residual 1e-5 and settling 1e-3: displacement and pressure within 1e-3."""
-    deformable, statement, result = coarse_run
-    static = static_state(deformable)
-    displacements = statement.expand(result.displacements)
-    pressures, _ = matched_pressures(deformable, displacements)
-    assert rms(displacements[0] - static.displacements[0]) < 1e-3 * rms(static.displacements[0])
-    assert rms(pressures - static.pressures) < 1e-3 * rms(static.pressures)
-    assert pressures.max() == pytest.approx(static.pressures.max(), rel=1e-3)
-    assert result.energy_balance < 1e-4
-    report = quasi_static_report(replace(result, static_below=1e-5))
-    assert report.is_static, report.verdict
-    assert report.kinetic_over_internal_energy < 1e-4
-
-
-def test_pipe_has_four_fold_symmetry(coarse_run):
-    """Alike blocks of a layer: displacements equal in their own frames.
-
-    They differ by rounding alone, amplified by the contact (stiffness 118 MPa/mm on
-    displacements of 1e-2 mm) over the run; 1e-9 of the displacement is a million roundings.
-    """
-    deformable, statement, result = coarse_run
-    world = statement.expand(result.displacements)[0]
-    rotations = deformable.bodies[0].rotations
-    local = np.einsum("cij,cni->cnj", rotations, world)
-    assert np.abs(local - local[0]).max() < 1e-9 * np.abs(local).max()
-
-
-def test_sector_gives_the_digits_of_the_whole(coarse_run):
-    deformable, statement, result = coarse_run
-    whole = statement.expand(result.displacements)[0]
-    sector, found = run_to_static(deformable, "sector")
-    assert sector.system.n_nodes * 4 == statement.system.n_nodes
-    assert found.n_steps == result.n_steps
-    part = sector.expand(found.displacements)[0]
-    assert np.abs(part - whole).max() < 1e-9 * np.abs(whole).max()
-
-
-@pytest.mark.parametrize("friction", [None, CoulombFriction(0.3)], ids=["smooth", "rough"])
-def test_a_half_turn_gives_the_whole(friction):
-    """Of two layers one block is computed. Its displacements, pressures and friction are those of
-    all eight (rounding of 300 steps of overclosures of 1e-3 mm in blocks of 200 mm)."""
-    deformable = in_contact(tube(2), friction=friction)
-    found = []
-    for symmetry, computed in (("none", 8), ("auto", 1)):
-        statement = timed_system(
-            deformable, symmetry=symmetry, ramp_time=5e-4, counted_pressure=10.0
-        )
-        assert len(statement.system.blocks) == computed
-        result = run_explicit(statement, end_time=1e-3)
-        state = state_of(result).contact_state
-        moved_by = statement.expand(result.displacements)[0]
-        rubs = 0.0 if friction is None else state.point_frictions
-        found.append((moved_by, state.point_pressures, rubs))
-    for whole, half in zip(*found, strict=True):
-        assert np.abs(half - whole).max() <= 1e-9 * np.abs(whole).max()
-
-
-def test_rotated_and_moved_tube_gives_the_same_result(coarse_run):
-    """Forces of the loads are turned, everything else is in block frames (rounding as above)."""
-    deformable, statement, result = coarse_run
-    turn = random_rotation(5)
-    there = moved(deformable.assembly, turn, np.array([300.0, -200.0, 500.0]))
-    case = deformable_assembly(there, named_load("pipe", 0.01).on(there), CONCRETE)
-    other, found = run_to_static(case)
-    expected = statement.expand(result.displacements)[0] @ turn.T
-    assert (
-        np.abs(other.expand(found.displacements)[0] - expected).max()
-        < 1e-8 * np.abs(expected).max()
-    )
-
-
-def test_a_resumed_run_gives_the_same_bits(tmp_path, coarse_run):
-    _, statement, result = coarse_run
-    path = tmp_path / "checkpoint.npz"
-    seen = []
-
-    def stop_midway(progress):
-        seen.append(progress.step)
-        if len(seen) == 4:
-            raise KeyboardInterrupt
-
-    stop = StopCriterion(1e-5, statement.ramp_time)
-    options = {"end_time": statement.end_time, "stop": stop}
-    with pytest.raises(KeyboardInterrupt):
-        run_explicit(
-            statement,
-            **options,
-            output=Output(checkpoint=path, checkpoint_seconds=0.0, progress=stop_midway),
-        )
-    resumed = run_explicit(statement, **options, resume=path)
-    assert resumed.n_steps == result.n_steps
-    assert np.array_equal(resumed.displacements[0], result.displacements[0])
 
 
 def test_no_symmetry_keeps_every_block():

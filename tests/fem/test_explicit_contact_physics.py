@@ -11,7 +11,6 @@ from fem.contact.normals import ContactNormals
 from fem.explicit.damping import applied_forces
 from fem.explicit.setup.timed_system import timed_system
 from fem.explicit.solve import (
-    Output,
     UnstableRun,
     displacements_of,
     run_explicit,
@@ -19,9 +18,9 @@ from fem.explicit.solve import (
 from fem.explicit.start import prepare
 from fem.explicit.state import world_vectors
 from fem.explicit.step import step
-from fem.system.effects import AdaptiveMassDamping, Effects, RayleighDamping
+from fem.system.effects import Effects, RayleighDamping
 from fem.system.time_step import critical_time_step
-from tests.support.fem_problems import in_contact, matched_pressures
+from tests.support.fem_problems import in_contact
 from tests.support.floor import CONCRETE, GRAVITY, block_on_floor
 
 
@@ -81,29 +80,6 @@ def on_incline(ratio, *, coefficient=0.3, time=4e-3, floor_first=True, effects=N
     return float(mass @ result.displacements[0][0, :, 0] / mass.sum()), result
 
 
-def test_a_block_slides_at_the_friction_angle_and_not_before():
-    """Below: gravity acts at once, so the block slides until friction has taken the work. With
-    s = μ p / k, F the pull and N the weight: F x = k s²/2 + μ N (x - s) gives
-    x = s / (2 (1 - F/μN)), and doubling that covers the vibration of the normal force. Then it
-    stays. Above: the start leaves some speed, then the acceleration is g sin - μ g cos: the
-    second difference of the slide, within 1 % for what is left of the vibration."""
-    coefficient, time = 0.3, 4e-3
-    elastic = coefficient * CONCRETE.density * GRAVITY * 20.0 / 100.0
-    early, _ = on_incline(0.8, time=0.5 * time)
-    held, still = on_incline(0.8)
-    assert 0.0 < held < 2.0 * elastic / (2.0 * (1.0 - 0.8))
-    assert abs(held - early) < 2.0 * elastic
-    (before, _), (slid, moving) = on_incline(1.2, time=0.5 * time), on_incline(1.2)
-    down = GRAVITY / math.hypot(1.0, 1.2 * coefficient)
-    acceleration = 0.2 * coefficient * down
-    assert slid - 2.0 * before == pytest.approx(acceleration * (0.5 * time) ** 2, rel=0.01)
-    lost = moving.energies.frictional_dissipation
-    weight = CONCRETE.density * 40.0 * 30.0 * 20.0 * down
-    assert lost == pytest.approx(coefficient * weight * slid, rel=0.02)
-    assert still.energies.frictional_dissipation < 0.05 * lost
-    assert moving.energy_balance < 1e-3
-
-
 def test_a_damped_slide_reaches_its_terminal_velocity():
     """Damping α m v against m (g sin - μ g cos): v = (g sin - μ g cos)/α, approached by
     exp(-α t). After eight of those times 3e-4 of it is missing; the damping works on the vibration
@@ -127,47 +103,6 @@ def test_the_slide_does_not_depend_on_who_is_master():
     lost = [run.energies.frictional_dissipation for run in (first, second)]
     assert lost[0] > 0.0
     assert lost[0] == pytest.approx(lost[1], rel=1e-6)
-
-
-def test_no_friction_is_vanishing_friction_to_the_bit():
-    """A coefficient of 1e-200 adds forces that no other number feels."""
-    deformable = block_on_floor(lift=0.001)
-    runs = [
-        run_explicit(
-            timed_system(in_contact(deformable, friction=friction)),
-            end_time=3e-4,
-            velocities=falling(deformable, 10.0),
-        )
-        for friction in (None, CoulombFriction(1e-200))
-    ]
-    assert np.array_equal(runs[0].displacements[0], runs[1].displacements[0])
-
-
-def test_friction_history_is_in_the_checkpoint(tmp_path):
-    """A run with friction continued from a checkpoint ends in the same bits."""
-    deformable = block_on_floor(lift=-1e-4, gravity=np.array([4000.0, 0.0, -9000.0]))
-    model = timed_system(in_contact(deformable, friction=CoulombFriction(0.3)))
-    path = tmp_path / "checkpoint.npz"
-    seen = []
-
-    def stop_midway(progress):
-        seen.append(progress.step)
-        if len(seen) == 3:
-            raise KeyboardInterrupt
-
-    with pytest.raises(KeyboardInterrupt):
-        run_explicit(
-            model,
-            end_time=1e-3,
-            output=Output(checkpoint=path, checkpoint_seconds=0.0, progress=stop_midway),
-        )
-    whole, resumed = (
-        run_explicit(model, end_time=1e-3),
-        run_explicit(model, end_time=1e-3, resume=path),
-    )
-    assert whole.energies.frictional_dissipation > 0.0
-    assert resumed.energies.frictional_dissipation == whole.energies.frictional_dissipation
-    assert np.array_equal(resumed.displacements[0], whole.displacements[0])
 
 
 def test_friction_is_refused_where_it_cannot_act():
@@ -217,25 +152,6 @@ def test_time_step_counts_contact():
     compression = CONCRETE.density * GRAVITY * 20.0**2 / (2.0 * 33e3)
     assert highest[0] < 10.0 * compression
     assert highest[1] > 100.0 * highest[0]
-
-
-def test_column_under_its_weight_sinks_by_the_inverse_of_the_law():
-    """Uniform pressure ρ g h: the overclosure is the law's inverse; stress stays uniaxial.
-
-    The block is free at its sides, so the pressure is uniform up to what the quadrature of the
-    weight leaves: the mean over the facets is exact by equilibrium, to the residual reached.
-    """
-    law = ExponentialLaw()
-    deformable = block_on_floor(law=law, gravity=np.array([0.0, 0.0, -1e3 * GRAVITY]))
-    effects = Effects(adaptive_mass_damping=AdaptiveMassDamping(interval=50))
-    result = run_explicit(timed_system(deformable, effects=effects, ramp_time=0.0), end_time=4e-3)
-    pressure = CONCRETE.density * 1e3 * GRAVITY * 20.0
-    found, overclosure = matched_pressures(deformable, result.displacements)
-    assert float((deformable.surfaces.weights * found).sum()) / 1200.0 == pytest.approx(
-        pressure, rel=1e-6
-    )
-    # Lateral expansion under the weight warps the bottom face by less than 1e-2 of the sinking.
-    assert overclosure.mean() == pytest.approx(float(law.overclosure(pressure)), rel=1e-2)
 
 
 def floor_forces(model, path):

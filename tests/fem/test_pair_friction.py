@@ -10,7 +10,6 @@ import pytest
 
 from fem import (
     CoulombFriction,
-    LinearPenalty,
     Problem,
     Static,
     concrete,
@@ -19,14 +18,9 @@ from fem import (
     write_deck,
 )
 from fem.decks.keywords import DeckError
-from fem.explicit.setup.timed_system import timed_system
-from fem.explicit.solve import run_explicit as solve_explicit
-from fem.static.solve import static_state
-from fem.system.effects import Effects
 from fem.system.sector import largest_cyclic_orbits
 from geometry import SineBlock, shaft, tube
 from geometry.errors import RefusedError
-from geometry.loads import LoadCase
 from geometry.parts.pairs import pair_values
 from mbd import contact_jacobian
 from mbd.friction.equilibrium import collapse_load, frictional_contacts
@@ -35,11 +29,9 @@ from mbd.limits.sliding_collapse import sliding_collapse
 from mbd.options import FrictionLaw
 from tests.support.pushed_bricks import (
     EDGE,
-    PRESSURE,
     ROUGH,
     SCENE,
     SMOOTH,
-    STONE,
     dice,
     frictionless_answer,
     pushed,
@@ -48,44 +40,6 @@ from tests.support.shapes import SHAPE
 from validation import load_case, solve
 
 FRICTION = CoulombFriction(0.2, of_pairs=((0, 1, ROUGH), (2, 0, SMOOTH)))
-
-
-@pytest.mark.parametrize("sliding", [False, True])
-def test_each_joint_of_a_static_state_slides_at_its_own_limit(sliding: bool) -> None:
-    """All points slide, whatever their pressure: the push is μ N, but for normals that turn with
-    the dice by less than 1e-4; dice that all have the middle coefficient need that."""
-    weight = PRESSURE * EDGE**2
-    for friction, expected in ((FRICTION, (ROUGH, SMOOTH)), (CoulombFriction(0.2), (0.2, 0.2))):
-        found = static_state(pushed(friction, sliding=sliding).deformable)
-        (forces,) = found.support_forces
-        push = forces[:, :, 0].sum(axis=1)
-        assert push == pytest.approx(np.array(expected) * weight, rel=1e-4)
-
-
-@pytest.mark.parametrize("sliding", [False, True])
-def test_each_block_of_an_explicit_run_slides_at_its_own_limit(sliding: bool) -> None:
-    """Under gravity that leans by more than both limits, blocks of mass m move by ½ (a - μ g) t².
-
-    The joint rings with a period of 2π √(ρ h / k) = 6e-5 s about the weight, without opening: the
-    limit is μ m g in the mean of each of the 65 periods, and blocks tip a little at first.
-    """
-    lean, duration = 0.6, 4e-3
-    blocks = dice()
-    load = LoadCase(blocks, "none", (), blocks.fixed.copy())
-    problem = Problem(
-        blocks,
-        load,
-        STONE,
-        law=LinearPenalty(500.0),
-        friction=FRICTION,
-        finite_sliding=sliding,
-        gravity=(lean * 9810.0, 0.0, -9810.0),
-    )
-    stated = timed_system(problem.deformable, effects=Effects(), ramp_time=0.0, end_time=duration)
-    run = solve_explicit(stated, end_time=duration)
-    moved = run.displacements[0][:, :, 0].mean(axis=1)
-    expected = 0.5 * 9810.0 * (lean - np.array([ROUGH, SMOOTH])) * run.time**2
-    assert moved == pytest.approx(expected, rel=0.02)
 
 
 def test_a_sector_needs_the_same_friction_round_the_axis() -> None:

@@ -21,10 +21,7 @@ from fem import (
 )
 from fem.contact.law import ContactLaw
 from fem.decks.keywords import DeckError
-from fem.explicit.setup.timed_system import timed_system
-from fem.explicit.solve import run_explicit as solve_explicit
 from fem.static.solve import static_state
-from fem.system.effects import AdaptiveMassDamping, Effects
 from fem.system.sector import largest_cyclic_orbits
 from tests.support.pushed_bricks import EDGE, PRESSURE, SCENE, STONE, frictionless_answer, pushed
 from validation import load_case
@@ -45,40 +42,6 @@ def pressed(law: ContactLaw, *, sliding: bool = False) -> Problem:
 def sunk(displacements: tuple[np.ndarray, ...]) -> np.ndarray:
     """How far the middle of each die sank."""
     return -displacements[0][:, :, 2].mean(axis=1)
-
-
-@pytest.mark.parametrize("sliding", [False, True])
-def test_each_joint_of_a_static_state_closes_by_its_own_law(sliding: bool) -> None:
-    """p / k and the die's own shortening; uniform states are exact for trilinear elements."""
-    found = static_state(pressed(LAWS, sliding=sliding).deformable)
-    expected = PRESSURE / np.array([500.0, 50.0]) + SHORTENED
-    assert sunk(found.displacements) == pytest.approx(expected, rel=1e-8)
-    state = found.contact_state
-    assert state.point_pressures == pytest.approx(PRESSURE, rel=1e-8)
-
-
-@pytest.mark.parametrize("sliding", [False, True])
-def test_each_joint_of_an_explicit_run_closes_by_its_own_law(sliding: bool) -> None:
-    """At rest, to the share of the motion that damping leaves: some 1e-4 of it in this time."""
-    stated = timed_system(
-        pressed(LAWS, sliding=sliding).deformable,
-        effects=Effects(adaptive_mass_damping=AdaptiveMassDamping()),
-    )
-    run = solve_explicit(stated, end_time=stated.end_time)
-    expected = PRESSURE / np.array([500.0, 50.0]) + SHORTENED
-    assert sunk(run.displacements) == pytest.approx(expected, rel=2e-3)
-
-
-@pytest.mark.parametrize("sliding", [False, True])
-def test_a_law_that_every_pair_has_is_the_law_of_all(sliding: bool) -> None:
-    """The same bits: no solver works on pairs where all joints have one law."""
-    alike = PairLaws(SOFT, ((0, 1, STIFF), (0, 2, STIFF)))
-    one, other = (pressed(law, sliding=sliding) for law in (STIFF, alike))
-    assert other.contact_law.on(np.array([0, 2]), np.array([1, 0])) is STIFF
-    (a,), (b,) = (static_state(p.deformable).displacements for p in (one, other))
-    if not sliding:  # a search reaches as far as the first of all laws
-        assert np.array_equal(a, b)
-    assert a == pytest.approx(b, rel=1e-9, abs=1e-12)
 
 
 def test_laws_of_ones_own_are_taken_by_pairs() -> None:

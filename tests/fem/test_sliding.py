@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from dataclasses import asdict, replace
+from dataclasses import replace
 from pathlib import Path
 
 import meshio
@@ -11,21 +11,17 @@ import numpy as np
 import pytest
 
 from fem import Explicit, Frames, Material, solve_explicit
-from fem.contact.search import points_of_search
 from fem.explicit.setup.quasi_static import block_frequencies
 from fem.explicit.setup.timed_system import state_of, timed_system
 from fem.explicit.solve import StopCriterion, run_explicit
-from fem.explicit.start import prepare
-from fem.system.contact_state import contact_state, facing_points
 from fem.system.effects import AdaptiveMassDamping, Effects
 from fem.system.system import System
 from geometry import ColumnBox, RefusedError, box_block, box_column
 from geometry.files.mesh_io import write_hex_mesh
 from geometry.loads import face_pressure
-from geometry.polyhedra.polyhedron import polyhedron_from_quads
 from tests.support.answers import on_its_mesh
-from tests.support.fem_problems import deformable_assembly, in_contact, still
-from tests.support.own_blocks import QUADS, SECTIONS, brick_corners, overclosure, write_stl
+from tests.support.fem_problems import deformable_assembly, in_contact
+from tests.support.own_blocks import SECTIONS
 from tests.support.printed import printed
 from validation import Case, InputError, load_case
 
@@ -46,31 +42,6 @@ def column(*boxes: Box, pressure: float = 0.5, poisson: float = 0.0, **sections)
 
 
 CROSSING = ((WIDE, (4, 4, 2)), (WIDE, (3, 3, 2)), (WIDE, (5, 2, 2)))
-
-
-def test_patch_test_of_a_column_that_does_not_match() -> None:
-    """Uniform stress passes joints of 4 × 4 on 3 × 3 on 5 × 2 facets: every point carries the
-    load's pressure, every joint closes by the law's inverse, every box by p h / E. The residual is
-    1e-8 of the load; a joint is as stiff as the boxes within tenfold."""
-    run = on_its_mesh(column(*CROSSING), method="explicit")
-    assert run.details.run.status == "converged"
-    found = run.details.contact_state
-    np.testing.assert_allclose(found.point_pressures, 0.5, rtol=1e-6)
-    np.testing.assert_allclose(found.pressures, 0.5, rtol=1e-6)
-    top = 2 * overclosure(0.5) + 0.5 * 150.0 / 33e3
-    assert run.details.largest_displacement == pytest.approx(top, rel=1e-6)
-    for joint in ((0, 1), (1, 2)):
-        points = found.joint(*joint)
-        assert found.point_areas[points].sum() == pytest.approx(8000.0, rel=1e-12)
-    data = run.as_dict()
-    assert data["contact_search"] == "finite sliding (non-matching meshes)"
-    assert data["contact"]["p_max_point"] == pytest.approx(0.5, rel=1e-6)
-    assert data["contact"]["p_max"] == pytest.approx(0.5, rel=1e-6)
-    assert data["contact"]["force"] == pytest.approx(2 * 0.5 * 8000.0, rel=1e-6)
-    assert data["contact"]["mean_overclosure"] == pytest.approx(overclosure(0.5), rel=1e-6)
-    # Two boxes are free: the middle one is pressed on both faces, the upper one on one of two.
-    assert data["contact"]["effective_count_percent"] == pytest.approx(75.0, rel=1e-6)
-    assert data["contact"]["effective_area_percent"] == pytest.approx(75.0, rel=1e-6)
 
 
 def test_one_facet_in_the_middle_of_four() -> None:
@@ -101,29 +72,6 @@ def test_forces_and_moments_of_a_smaller_box_that_crosses_facets() -> None:
         assert found.point_areas[points].sum() == pytest.approx(area, rel=1e-9)
         assert forces.sum(axis=0) == pytest.approx([0.0, 0.0, load], abs=1e-6 * load)
         assert moment == pytest.approx(0.0, abs=1e-6 * load * 50.0)
-
-
-def test_random_motions_of_boxes_that_do_not_match_balance() -> None:
-    """Action equals reaction and moments balance on cut facets too (rounding): the forces are the
-    gradient of an energy that no rigid motion changes."""
-    stated = timed_system(column(*CROSSING).problem.deformable)
-    rng = np.random.default_rng(5)
-    moved = tuple(5e-3 * rng.standard_normal((1, g.n_nodes, 3)) for g in stated.bodies)
-    whole = stated.system.whole
-    points = points_of_search(facing_points(whole, moved), whole.surfaces.clearance)
-    found = contact_state(whole, moved, points)
-    assert found.point_pressures.max() > 0.1
-    still(stated.system, moved)
-    loop = prepare(stated, time_step=1e-9, displacements=moved)
-    for body in loop.bodies:
-        body.now.applied_force[:] = 0.0  # type: ignore[index]
-    bound = loop.interactions[0]
-    bound.add_force(loop)
-    force, position = bound._force, bound.points.position  # type: ignore[attr-defined]
-    size = np.abs(force).sum()
-    assert size > 100.0
-    assert np.abs(force.sum(axis=0)).max() < 1e-13 * size
-    assert np.abs(np.cross(position, force).sum(axis=0)).max() < 1e-12 * 150.0 * size
 
 
 @pytest.mark.usefixtures("undrawn")
@@ -222,37 +170,6 @@ def test_frequencies_are_those_of_the_facets_that_face_each_other() -> None:
     assert found.excited == pytest.approx(expected.excited, rel=1e-9)
 
 
-def test_measures_of_a_small_slide_are_those_of_matched_facets() -> None:
-    """One layer under pipe pressure, searched and matched: normals of one side in place of the
-    mean of both change the gap of points d apart by d times the turn of the normals, 3e-3 mm · 1e-4
-    of some 3e-3 mm, and the exponential law at most tenfold: 1e-3 of every measure."""
-    small = ("assembly.layers=1", "mesh.around=12", "mesh.radial=2", "mesh.axial=4")
-    ways = (("fem.symmetry='none'",), ("effects.finite_sliding=true",))
-    found = []
-    for way in ways:
-        settings = (*small, "fem.method='explicit'", "fem.residual=1e-6", *way)
-        run = on_its_mesh("tsb1-pipe", settings, method="explicit")
-        found.append(run)
-    matched, searched = found
-    ours, theirs = (asdict(run.details.contact) for run in (searched, matched))
-    for key in theirs.keys() - {"per_block"}:
-        assert ours[key] == pytest.approx(theirs[key], rel=1e-3), key
-    for key in ("p_eff", "p_max"):
-        a, b = (getattr(run.details.contact.per_block, key) for run in (searched, matched))
-        np.testing.assert_allclose(a, b, rtol=1e-3)
-    assert searched.details.contact_state.n_facets == matched.details.contact_state.n_facets
-    # The same facets in whatever order, drawn on the one side or the other of the joint.
-    order = [
-        np.lexsort(np.round(run.details.contact_state.centroids, 1).T)
-        for run in (searched, matched)
-    ]
-    a, b = (
-        run.details.contact_state.centroids[o]
-        for run, o in zip((searched, matched), order, strict=True)
-    )
-    assert np.abs(a - b).max() < 2.0 * matched.details.largest_displacement
-
-
 def test_a_pushed_box_presses_where_it_ended() -> None:
     """A box on a plank of 20 mm facets, pushed by a = 2e6 mm/s² against damping α = 1000 /s, no
     friction: it slides a/α (t - (1 - exp(-α t))/α) = 58 mm, three facets, in 0.03 s. Vertical
@@ -324,26 +241,6 @@ def test_a_box_that_slid_presses_as_one_built_there() -> None:
         there, to = settled_box(slide, 0.0)
         np.testing.assert_allclose(at, to, atol=1e-5)
         np.testing.assert_allclose(here, there, rtol=1e-5)
-
-
-def test_own_blocks_that_do_not_match(tmp_path: Path) -> None:
-    """A brick of 6 × 4 facets on one of 4 × 4: the joint carries the upper brick's weight, to the
-    residual of 1e-4 in an explicit run, of 1e-8 in a static one."""
-    write_stl(tmp_path / "brick.stl", polyhedron_from_quads("brick", brick_corners(), QUADS))
-    write_hex_mesh(tmp_path / "fine.vtu", box_block(WIDE, (6, 4, 4)).mesh)
-    parts = '[[parts]]\nfile = "brick.stl"\nfixed = true\n[[parts]]\nfile = "fine.vtu"\n'
-    parts += "places = [{at = [0, 0, 50]}]\n"
-    path = tmp_path / "own.toml"
-    path.write_text(
-        f'[block]\ntype = "mesh"\n{parts}\n[effects]\ngravity = [0, 0, -9810]\n{SECTIONS}', "utf-8"
-    )
-    weight = 2.4e-9 * 400_000.0 * 9810.0
-    assert on_its_mesh(path, method="static").details.contact.force == pytest.approx(
-        weight, rel=1e-6
-    )
-    run = on_its_mesh(path, method="explicit")
-    assert run.report["contact_search"] == "finite sliding (non-matching meshes)"
-    assert run.details.contact.force == pytest.approx(weight, rel=1e-3)
 
 
 @pytest.mark.parametrize("method", ["static", "explicit"])

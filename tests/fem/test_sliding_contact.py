@@ -5,27 +5,23 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fem import CoulombFriction, Frames, LinearPenalty
+from fem import LinearPenalty
 from fem.contact.cuts import closest_point
 from fem.contact.normals import ContactNormals
 from fem.contact.search import BlockSurface, closest_points
 from fem.contact.surfaces import ContactError
 from fem.element.facet import bilinear
 from fem.explicit.contact.sliding import SlidingContact, surface_areas
-from fem.explicit.damping import applied_forces
 from fem.explicit.setup.timed_system import counted_stiffness, timed_system
-from fem.explicit.solve import Output, StopCriterion, run_explicit
 from fem.explicit.start import prepare
 from fem.explicit.state import world_vectors
 from fem.explicit.step import step
 from fem.system.body import placed_body
-from fem.system.effects import AdaptiveMassDamping, Effects
+from fem.system.effects import Effects
 from geometry.block import box_block
-from tests.support.fem_problems import in_contact, matched_pressures
+from tests.support.fem_problems import in_contact
 from tests.support.lone_bodies import lone_bodies
 from tests.support.sliding_tube import CONCRETE, tube
-
-DAMPED = Effects(adaptive_mass_damping=AdaptiveMassDamping(interval=50))
 
 
 def surface(number, mesh, quads, *, group, at=(0.0, 0.0, 0.0)):
@@ -102,85 +98,6 @@ def test_a_block_slides_over_many_facets():
     assert bound.searches <= 2.0 * 20.0 / skin * 1.05 + 2
 
 
-def test_friction_stops_a_sliding_block():
-    """Deceleration μ g: v - μ g t, and the energy lost is what the motion lost (2 % for the
-    vibration that the start leaves)."""
-    model, velocities = sliding_block(300.0, CoulombFriction(0.3))
-    result = run_explicit(model, end_time=4e-3, velocities=velocities)
-    mass = model.bodies[0].lumped_mass
-    speed = mass @ result.velocities[0][0, :, 0] / mass.sum()
-    assert 300.0 - speed == pytest.approx(0.3 * 9810.0 * 4e-3, rel=0.02)
-    lost = 0.5 * mass.sum() * (300.0**2 - speed**2)
-    assert result.energies.frictional_dissipation == pytest.approx(lost, rel=0.03)
-    assert result.energy_balance < 1e-3
-
-
-def test_resumed_slide_gives_the_same_bits(tmp_path):
-    model, velocities = sliding_block(3000.0, CoulombFriction(0.3))
-    path = tmp_path / "checkpoint.npz"
-    seen = []
-
-    def stop_midway(progress):
-        seen.append(progress.step)
-        if len(seen) == 9:
-            raise KeyboardInterrupt
-
-    with pytest.raises(KeyboardInterrupt):
-        run_explicit(
-            model,
-            end_time=1e-3,
-            velocities=velocities,
-            output=Output(checkpoint=path, checkpoint_seconds=0.0, progress=stop_midway),
-        )
-    whole = run_explicit(model, end_time=1e-3, velocities=velocities)
-    resumed = run_explicit(model, end_time=1e-3, velocities=velocities, resume=path)
-    assert np.array_equal(resumed.displacements[0], whole.displacements[0])
-
-
-def test_forces_and_moments_balance():
-    """Random displacements of a tube whose frames deform as well: closest points make the
-    forces the gradient of an energy that no rigid motion changes (rounding as for faces)."""
-    deformable = tube(frames=Frames.DEFORMABLE)
-    statement = timed_system(in_contact(deformable, finite_sliding=True))
-    rng = np.random.default_rng(2)
-    groups = statement.bodies
-    moved = tuple(5e-3 * rng.standard_normal((g.n_copies, g.n_nodes, 3)) for g in groups)
-    for number, of in enumerate(moved):
-        place = statement.numbers(number)[statement.system.supports.row]
-        of.reshape(-1, 3)[place[place >= 0]] = 0.0
-    loop = prepare(statement, time_step=1e-9, displacements=moved)
-    for body in loop.bodies:
-        body.now.applied_force[:] = 0.0
-    loop.interactions[0].add_force(loop)
-    total, moment, size = np.zeros(3), np.zeros(3), 0.0
-    for g, body, u in zip(groups, loop.bodies, moved, strict=True):
-        force = world_vectors(body, applied_forces(body))
-        total += force.sum(axis=(0, 1))
-        moment += np.cross(g.reference_positions() + u, force).sum(axis=(0, 1))
-        size += np.abs(force).sum()
-    assert size > 100.0
-    assert np.abs(total).max() < 1e-13 * size
-    assert np.abs(moment).max() < 1e-12 * 400.0 * size
-
-
-def test_agrees_with_matched_facets_where_nothing_slides():
-    """The same tube: normals of one side instead of the mean of both change the gap of points
-    d apart by d times the turn of the normals, 3e-3 mm · 1e-4: the pressures agree to 1e-3."""
-    deformable = tube()
-    pressures = []
-    for finite_sliding in (False, True):
-        statement = timed_system(
-            in_contact(deformable, finite_sliding=finite_sliding),
-            counted_pressure=4.0,  # above what presses here
-            effects=DAMPED,
-            ramp_time=1e-3,
-        )
-        result = run_explicit(statement, end_time=2e-2, stop=StopCriterion(1e-6, 1e-3))
-        pressures.append(matched_pressures(deformable, statement.expand(result.displacements))[0])
-    scale = np.sqrt(np.mean(pressures[0] ** 2))
-    assert np.sqrt(np.mean((pressures[1] - pressures[0]) ** 2)) < 1e-3 * scale
-
-
 def closest_from_the_middle(corners, points):
     """As cuts find it: natural coordinates and gaps."""
     xi, work = np.zeros((len(points), 2)), np.empty((9, 3))
@@ -220,27 +137,3 @@ def test_explicit_runs_that_search_refuse_reference_normals():
     stated = replace(deformable.contact, normals=ContactNormals.REFERENCE)
     with pytest.raises(ContactError, match="current ones"):
         timed_system(in_contact(replace(deformable, contact=stated), finite_sliding=True))
-
-
-def test_a_sector_slides_as_the_whole_ring():
-    """Random displacements that repeat round the axis: each block has the forces that it has in the
-    whole ring, to rounding. In the ring the later of two alike blocks is slave, in the sector that
-    which follows the other round the axis: the last joint of each layer differs, and is left out
-    with the blocks that share it."""
-    deformable = tube()
-    sector = timed_system(in_contact(deformable, finite_sliding=True), symmetry="sector")
-    whole = timed_system(in_contact(deformable, finite_sliding=True))
-    rng = np.random.default_rng(7)
-    moved = tuple(3e-3 * rng.standard_normal((g.n_copies, g.n_nodes, 3)) for g in sector.bodies)
-    forces = []
-    for stated, u in ((sector, moved), (whole, sector.expand(moved))):
-        loop = prepare(stated, time_step=1e-9, displacements=u)
-        for body in loop.bodies:
-            body.now.applied_force[:] = 0.0
-        loop.interactions[0].add_force(loop)
-        found = tuple(world_vectors(body, applied_forces(body)) for body in loop.bodies)
-        forces.append(stated.expand(found))
-    inner = slice(1, 3)  # of four blocks in the layer, the first and the last share that joint
-    for ours, theirs in zip(*forces, strict=True):
-        assert np.abs(theirs).max() > 0.1
-        assert np.abs(ours - theirs)[inner].max() < 1e-6 * np.abs(theirs).max()

@@ -17,18 +17,6 @@ from geometry.loads import face_pressure
 from tests.support.fem_problems import deformable_assembly
 from tests.support.lone_bodies import fixed_nodes
 from tests.support.searched_stack import SIZE, STIFF, stack
-from tests.support.sliding_tube import tube
-
-
-@pytest.mark.parametrize("method", StaticMethod)
-def test_patch_test_of_4_on_3_cubed(method):
-    """Uniform stress passes: every point has the load's pressure, to the residual of 1e-8 times
-    the softness of the joint, E / (h k) = 7e-1 of the boxes, tenfold."""
-    found = static_state(stack((4, 4, 4), (3, 3, 3)), StaticOptions(method=method))
-    assert found.pressures == pytest.approx(0.5, rel=1e-7)
-    assert found.contact_state.areas.sum() == pytest.approx(8000.0, rel=1e-12)
-    shortening = 0.5 * 100.0 / 33e3 + 0.5 / 1e3
-    assert found.largest_displacement == pytest.approx(shortening, rel=1e-6)
 
 
 @pytest.mark.parametrize("degree", [2, 3])
@@ -78,30 +66,6 @@ def test_a_box_that_was_built_aside_and_reference_normals():
         assert np.abs(moment.sum(axis=0)).max() < 1e-2 * 50.0
 
 
-def test_a_sector_and_matched_facets_give_the_same_tube():
-    """One layer of a tube under pressure, its facets searched: normals of one side in place of the
-    mean of both change pressures by 1e-3; a sector has one block in four."""
-    matched, searched = (
-        static_state(tube(finite_sliding=s)) for s in (False, True)
-    )  # fmt: skip
-    assert searched.system.orbits.order == 4
-    assert searched.largest_displacement == pytest.approx(matched.largest_displacement, rel=1e-3)
-    assert searched.contact_state.forces.shape == matched.contact_state.forces.shape
-    assert searched.contact_energy == pytest.approx(matched.contact_energy, rel=1e-3)
-
-
-def test_curved_facets_that_are_searched_and_that_match():
-    """The same with curved elements: gaps by the curved facets, normals of one side for the mean of
-    both, by which pressures differ as above."""
-    matched, searched = (static_state(tube(finite_sliding=s, degree=2)) for s in (False, True))
-    assert searched.system.orbits.order == 4
-    assert searched.largest_displacement == pytest.approx(matched.largest_displacement, rel=1e-3)
-    areas = [found.contact_state.areas.sum() for found in (matched, searched)]
-    assert areas[0] == pytest.approx(areas[1], rel=1e-3)
-    force = [np.abs(found.contact_state.forces).sum() for found in (matched, searched)]
-    assert force[0] == pytest.approx(force[1], rel=1e-3)
-
-
 @pytest.mark.parametrize("divisions", [2, 4])
 @pytest.mark.parametrize("base", [3, 16])
 def test_a_tall_block_stands_up_to_the_edge_of_its_face(divisions, base):
@@ -131,13 +95,6 @@ def test_a_tall_block_stands_up_to_the_edge_of_its_face(divisions, base):
             assert middle == pytest.approx(20.0 * share, rel=1e-3)
 
 
-def shear(coefficient, push):
-    """A box on another of another mesh, pressed with 0.5 MPa and pushed by its weight sideways."""
-    gravity = np.array([push / (2.4e-9 * 4e5), 0.0, 0.0])
-    friction = CoulombFriction(coefficient, stick_stiffness=100.0)
-    return stack((4, 4, 2), (3, 3, 2), friction=friction, gravity=gravity)
-
-
 def test_blocks_condensed_on_what_points_touch_move_as_one_sparse_matrix(monkeypatch):
     """Inner nodes carry no contact: without them the state is the same, to the residual of 1e-10,
     in stiff blocks pushed close to sliding; and inner nodes follow."""
@@ -151,19 +108,6 @@ def test_blocks_condensed_on_what_points_touch_move_as_one_sparse_matrix(monkeyp
     for one, other in zip(found.displacements, sparse.displacements, strict=True):
         assert np.abs(one - other).max() < 1e-7 * size
     assert found.pressures.max() == pytest.approx(sparse.pressures.max(), rel=1e-6)
-
-
-def test_friction_holds_what_it_can_and_carries_the_push():
-    """A push of 0.8 mu N is carried: traction and push balance, to the residual; elastic slip is
-    push / (k area), which the boxes' own shear adds to."""
-    push = 0.8 * 0.3 * 0.5 * 8000.0
-    found = static_state(shear(0.3, push), StaticOptions(load_steps=2))
-    moved = found.displacements[1][0]
-    bottom = np.isclose(found.deformable.body_of(1).mesh.nodes[:, 2], 0.0)
-    lower = found.displacements[0][0]
-    top = np.isclose(found.deformable.body_of(0).mesh.nodes[:, 2], 50.0)
-    slip = moved[bottom, 0].mean() - lower[top, 0].mean()
-    assert slip == pytest.approx(push / 8000.0 / 100.0, rel=0.1)
 
 
 def drawn(model, aside, squeeze=0.02):
