@@ -124,6 +124,8 @@ def test_bars_have_an_arrow_where_values_go_beyond_their_colours() -> None:
     assert scale.high < 1.01
     assert scale.beyond == "both"
     assert scale.words == "σ₁ [MPa], min. −1, max. 5"
+    small = symmetric_scale("σ₁ [MPa]", "RdBu_r", [1e-5 * values])
+    assert small.words == "σ₁ [10⁻⁶ MPa], min. −10, max. 50"
     assert scale_from_zero("p", "YlGnBu", [values]).beyond == "min"
     whole = Scale("p", "YlGnBu", 0.0, 1.0, (0.0, 1.0))
     assert (whole.beyond, whole.words) == ("neither", "p")

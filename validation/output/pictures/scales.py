@@ -120,16 +120,16 @@ class Scale:
     @property
     def words(self) -> str:
         """Label, and where the colours stop below what there is, how far it goes."""
-        least, most = self.reached
+        least, most = map(self.number, self.reached)
         beyond = {
             "neither": "",
-            "min": f"min. {least:.3g}",
-            "max": f"max. {most:.3g}",
-            "both": f"min. {least:.3g}, max. {most:.3g}",
+            "min": f"min. {least}",
+            "max": f"max. {most}",
+            "both": f"min. {least}, max. {most}",
         }[self.beyond]
         if self.decades:
             beyond = "logarithmic"
-        return ", ".join(part for part in (self._label, beyond.replace("-", "−")) if part)
+        return ", ".join(part for part in (self._label, beyond) if part)
 
     @property
     def power(self) -> int:

@@ -36,7 +36,7 @@ def draw_ranks(compared: Compared, path: Path) -> None:
     frequencies = [key[1] for key in compared.rows]
     for panel, (x, y) in zip(axes, panels, strict=True):
         titles = JUDGED[x][0], JUDGED[y][0]
-        for colour, f in zip(OF_LINES, compared.axes[1], strict=False):
+        for colour, mark, f in zip(OF_LINES, "os^Dv", compared.axes[1], strict=False):
             places = [k for k, frequency in enumerate(frequencies) if frequency == f]
             bars = [
                 list(compared.rows.values())[k][f"{y.removesuffix('_fem')}_error_fem"]
@@ -46,7 +46,7 @@ def draw_ranks(compared: Compared, path: Path) -> None:
                 compared.values(x)[places],
                 compared.values(y)[places],
                 yerr=bars,
-                fmt="o",
+                fmt=mark,
                 markersize=3.5,
                 elinewidth=0.8,
                 color=colour,
@@ -54,7 +54,7 @@ def draw_ranks(compared: Compared, path: Path) -> None:
             )
         if y == "p_max_fem":
             ends = compared.values(x).min(), compared.values(x).max()
-            panel.plot(ends, ends, color="#999999", linewidth=0.8)
+            panel.plot(ends, ends, color="#999999", linewidth=0.8, label="equal")
         panel.set_xscale("log")
         panel.set_yscale("log")
         for axis in (panel.xaxis, panel.yaxis):

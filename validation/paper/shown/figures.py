@@ -91,9 +91,13 @@ def draw_parameter_study(
         fontsize=9,
         arrowprops={"arrowstyle": "->", "color": "black"},
     )
+    drawn = [p for curve in (*curves.values(), *other.values()) for p in curve]
+    low, high = 0.8 * min(drawn), 1.25 * max(drawn)
+    ticks = [p for p in (0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0) if low <= p <= high]
     for (f, t), panel in panels.items():
         panel.set_yscale("log")
-        panel.set_yticks([0.1, 0.2, 0.5, 1.0, 2.0, 5.0], ["0.1", "0.2", "0.5", "1", "2", "5"])
+        panel.set_yticks(ticks, [f"{p:g}" for p in ticks])
+        panel.set_ylim(low, high)
         panel.minorticks_off()
         panel.set_xticks(amplitudes)
         panel.grid(color="#DDDDDD", linewidth=0.6)

@@ -34,6 +34,9 @@ from validation.paper.claims.deformable import (
 )
 from validation.paper.evidence import FloatArray, PaperEvidence
 
+#: Width of a figure with a colour bar and its extremes below each of five columns [in].
+_WIDEST = 22.0
+
 
 def _runs(evidence: PaperEvidence) -> Iterator[tuple[int, int, Answer]]:
     """Row, column and run of the five cases of both blocks."""
@@ -60,7 +63,7 @@ def draw_layer_comparison(evidence: PaperEvidence, path: Path) -> None:
             (("rigid", pair.rigid), ("deformable", pair.deformable))
         ):
             largest = float(values.max())
-            title = f"{block} {case}, {side}, {words}\nlargest {largest:.3g} MPa"
+            title = f"{block} {case}, {side}\n{words}, largest {largest:.3g} MPa"
             quads = np.arange(corners.size // 3).reshape(-1, 4)
             colours = scale.of(values / largest)
             facets = Polygons(corners.reshape(-1, 3), quads, colours, lit=False)
@@ -99,7 +102,7 @@ def draw_principal(evidence: PaperEvidence, component: int, path: Path) -> None:
         name = f"{BLOCKS[row]} {CASES[column]}"
         columns[column].append(Panel(name, view, scale=scale, numbers=numbers))
     title = f"{symbol} [MPa] on the outer surface, unrolled: red tension, blue compression"
-    save_figure(gallery(columns, title, height=14.0), path)
+    save_figure(gallery(columns, title, height=14.0, widest=_WIDEST), path)
 
 
 def _outer_view(
