@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import TYPE_CHECKING, Any
@@ -366,37 +366,23 @@ def _write_frames(
     options: StaticOptions,
     follower: _Follower,
 ) -> None:
-    """Call back with so many states of the load path: the answer does not depend on them.
+    """Call back with the beginning and so many states of the path, the whole load last.
 
-    With friction they are those of the load steps, of which there may be fewer.
-    """
-    on_frame = follower.on_frame
-    if count == 0 or on_frame is None:
-        return
-    parts = max(1, count - 1)
-    if state.deformable.contact.friction is not None:
-        parts = state.evidence.load_steps
-    path = [state]
-    if parts > 1:
-        in_parts = replace(options, load_steps=parts, load_tolerance=None)
-        again = static_state(state.deformable, in_parts)
-        path = [*again.evidence.path, state]
-    for frame in _frames(count, path):
-        on_frame(frame)
-    follower.watch.lap("frames")
-
-
-def _frames(count: int, path: Sequence[State]) -> Iterator[Frame]:
-    """Frames of a static run: the state without load, then those of the load steps.
-
-    There are ``count`` of them, or as many as load steps, the whole load last.
+    With friction, and where supports move, there may be fewer: the answer does not depend on them.
     """
     from fem.explicit.solve import Frame
 
-    last = path[-1]
-    rest = replace(last, displacement=np.zeros_like(last.displacement), load_factor=0.0)
-    states = [rest, *path]
-    chosen = np.unique(np.round(np.linspace(len(states) - 1, 0, min(count, len(states)))))
-    for place, k in enumerate(chosen.astype(int)):
-        state, groups, ends = states[k], last.deformable.bodies, k == len(states) - 1
-        yield Frame(place, state.load_factor, groups, state.displacements, last=ends)
+    on_frame, path = follower.on_frame, [*state.evidence.path, state]
+    if count == 0 or on_frame is None:
+        return
+    if len(path) < count - 1 and state.friction is None and state.time is None:
+        in_parts = replace(options, load_steps=count - 1, load_tolerance=None)
+        path = [*static_state(state.deformable, in_parts).evidence.path, state]
+    began = state.system.begin
+    moved = np.zeros_like(state.displacement) if began is None else began[0]
+    path = [replace(path[0], displacement=moved, load_factor=0.0), *path]
+    chosen = np.unique(np.round(np.linspace(len(path) - 1, 0, min(count, len(path)))).astype(int))
+    for number, k in enumerate(chosen.tolist()):
+        one, bodies, last = path[k], state.deformable.bodies, k == len(path) - 1
+        on_frame(Frame(number, one.load_factor, bodies, one.displacements, last=last))
+    follower.watch.lap("frames")

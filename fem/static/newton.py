@@ -23,7 +23,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 
@@ -31,12 +31,12 @@ from fem.contact.friction import Coulomb
 from fem.contact.surfaces import Gaps
 from fem.static.linear_step.linearisation import (
     Linearisation,
-    LinearStep,
     StaticError,
     UnheldBlocksError,
     coarsened,
 )
-from fem.system.system import FreeMotions, System, unresisted_motions
+from fem.static.problem import StaticProblem
+from fem.system.system import System
 from geometry.machine.work import Operation, count
 from geometry.mesh import FloatArray
 
@@ -78,35 +78,51 @@ _NEAR = 1e-2
 _ALONG, _SOFTENED = 0.99, 4
 
 
-@dataclass(frozen=True)
-class StaticProblem:
-    """What stays the same in all iterations."""
+class Point(NamedTuple):
+    """One point of a path."""
 
-    system: System
-    step: LinearStep
-    tolerance: float
-    """Norm of the residual over that of the loads at which the iteration stops [-]."""
-    max_iterations: int
+    factor: float = 1.0
+    """Share of the loads, of a stage of their change [-]."""
+    time: float | None = None
+    """At which moving supports are where they are prescribed [s]; None: all their way."""
+    stage: int = 0
+    """Which of several stages."""
 
-    @cached_property
-    def free(self) -> FreeMotions | None:
-        """Motions that nothing resists."""
-        return unresisted_motions(self.system, self.step.kept)
 
-    @cached_property
-    def farthest_overclosure(self) -> FloatArray:
-        """Where contact presses as hard as the stiffest block is stiff, as strains of 1 need [mm].
+class Holding(NamedTuple):
+    """What keeps blocks in place while iterations are far from an equilibrium."""
 
-        One number, or one for each facet.
-        """
-        law = self.system.law
-        return law.normal.overclosure(np.maximum(self.stiffest, law.touching_pressure))
+    first: float
+    """Stiffness of the first springs [N/mm]."""
+    now: float
+    """Of the present ones [N/mm]."""
+    rescues: int = 0
+    """How often they became stiffer because blocks turned out to be unheld."""
+    coarse: int = 0
+    """Iterations left with one pressure for each facet."""
+    pressed: float | None = None
+    """Largest pressure at the end of the step before, where supports move [MPa]."""
 
-    @cached_property
-    def stiffest(self) -> float:
-        """Largest Young's modulus of a block [MPa]; 0 where none deforms."""
-        slots = range(self.system.n_slots)
-        return max((self.system.body(k).material.young_modulus for k in slots), default=0.0)
+    def after(self, share: float) -> Holding:
+        """Springs of the next iteration: weaker after a long step, else as they were."""
+        factor = 1.0 if share > _SHORT_STEP**2 else 1.0 / _FADING
+        factor = _FADING if share > _SHORT_STEP else factor
+        now = min(max(factor * self.now, _LEAST_HOLDING * self.first), max(self.first, self.now))
+        return self._replace(now=now, coarse=self.coarse - 1)
+
+    def stiffer(self) -> Holding:
+        """Springs after a rescue."""
+        now = max(10.0 * self.now, _RESCUE_HOLDING * self.first)
+        return self._replace(now=now, rescues=self.rescues + 1)
+
+
+class Slid(NamedTuple):
+    """What sliding has left at the end of a step."""
+
+    anchor: FloatArray
+    """Slips without traction, (n_facets, n_points, 0 or 2) [mm]."""
+    dissipation: float = 0.0
+    """Work lost [N mm]."""
 
 
 @dataclass(frozen=True)
@@ -119,18 +135,9 @@ class Iterate:
     gaps: Gaps
     at: FloatArray
     """Overclosures and slips at which the law is linearised, as `Gaps.x` [mm]."""
-    anchor: FloatArray
-    """Slips without traction, (n_facets, n_points, 0 or 2) [mm]: they move between load steps."""
-    first_holding: float
-    holding: float
-    load_factor: float = 1.0
-    time: float | None = None
-    """At which moving supports are where they are prescribed [s]; None: all their way."""
-    pressed: float | None = None
-    """Largest pressure at the end of the step before, where supports move [MPa]."""
-    rescues: int = 0
-    coarse_iterations: int = 0
-    dissipation: float = 0.0
+    slid: Slid
+    holding: Holding
+    point: Point
     residuals: tuple[float, ...] = ()
     converged: bool = False
 
@@ -140,31 +147,24 @@ def start_iterate(system: System, start: FloatArray | None = None) -> Iterate:
 
     ``start`` are its displacements, (n_nodes, 3) [mm].
     """
-    friction, points = system.has_friction, system.points
+    points, touching = system.points, system.law.touching_pressure
     displacement = np.zeros((system.n_nodes, 3)) if start is None else start
-    flat = all(system.body(slot).element.degree == 1 for slot in range(system.n_slots))
     area = float(points.areas.sum())
     load = float(np.linalg.norm(system.external_force, axis=1).sum())
-    touching = system.law.touching_pressure
     rest = system.law.normal.overclosure(np.maximum(load / area if area else 0.0, touching))
-    holding = first_holding(system, rest)
-    if start is not None:
-        holding *= _RESCUE_HOLDING
+    first = first_holding(system, rest)
     gaps = points.gaps(displacement)
-    at = gaps.x.copy()
+    at, coarse = gaps.x.copy(), 0
     if start is None:
         at[..., 0].T[:] = rest  # one number, or one for each facet
-    return Iterate(
-        displacement=displacement,
-        force=np.zeros_like(displacement),
-        gaps=gaps,
-        at=at,
-        anchor=np.zeros_like(at[..., 1:]),
-        first_holding=holding,
-        holding=holding,
+        flat = all(system.body(slot).element.degree == 1 for slot in range(system.n_slots))
         # Without friction blocks that only friction holds would move far away.
-        coarse_iterations=_COARSE_ITERATIONS if start is None and flat and not friction else 0,
-    )
+        coarse = _COARSE_ITERATIONS if flat and not system.has_friction else 0
+    else:
+        first *= _RESCUE_HOLDING
+    slid, holding = Slid(np.zeros_like(at[..., 1:])), Holding(first, first, coarse=coarse)
+    force = np.zeros_like(displacement)
+    return Iterate(displacement, force, gaps, at, slid, holding, Point())
 
 
 def first_holding(system: System, overclosure: FloatArray) -> float:
@@ -173,31 +173,19 @@ def first_holding(system: System, overclosure: FloatArray) -> float:
     return _FIRST_HOLDING * stiffness * float(system.points.areas.sum()) / system.n_slots
 
 
-def held_in_motion(problem: StaticProblem, state: Iterate) -> Iterate:
-    """State at the beginning of a step of a motion, with holding springs as stiff as its contact.
+def held_in_motion(problem: StaticProblem, holding: Holding) -> Holding:
+    """Springs at the beginning of a step of a motion, as stiff as its contact.
 
     Without friction deformed surfaces push blocks that nothing holds aside, in proportion to where
     they are: springs much softer than contact let that grow from step to step.
     """
     system, law, touching = problem.system, problem.system.law, problem.system.law.touching_pressure
-    pressed = np.full_like(touching, state.pressed or 0.0)
+    pressed = np.full_like(touching, holding.pressed or 0.0)
     least = max(
         _LEAST_IN_MOTION * first_holding(system, law.normal.overclosure(pressed)),
         _LEAST_HOLDING * first_holding(system, law.normal.overclosure(touching)),
     )
-    holding = max(state.holding, least)
-    return replace(state, first_holding=least / _LEAST_HOLDING, holding=holding)
-
-
-def localised(system: System, start: tuple[FloatArray, ...]) -> FloatArray:
-    """Displacements of each group on the representatives, in block frames; (n_nodes, 3) [mm]."""
-    expected = [(g.n_copies, g.n_nodes, 3) for g in system.bodies]
-    if [u.shape for u in start] != expected:
-        raise StaticError(
-            f"start: got displacements of shapes {[u.shape for u in start]}; "
-            f"expected {expected}: start from a state of the same model"
-        )
-    return system.localised(start)
+    return holding._replace(first=least / _LEAST_HOLDING, now=max(holding.now, least))
 
 
 def newton(problem: StaticProblem, state: Iterate) -> Iterate:
@@ -206,7 +194,7 @@ def newton(problem: StaticProblem, state: Iterate) -> Iterate:
     state = replace(state, at=np.concatenate([state.at[..., :1], slips], axis=2), force=force)
     least, since, softened, way = math.inf, 0, 0, np.zeros(1)
     held: Iterate | None = None
-    for _ in range(problem.max_iterations):
+    for _ in range(problem.options.max_iterations):
         before, begin = way, state.displacement
         try:
             state = _iterate(problem, state)
@@ -220,11 +208,11 @@ def newton(problem: StaticProblem, state: Iterate) -> Iterate:
         if state.converged:
             break
         if since > (_PATIENCE_NEAR if least < _NEAR else _PATIENCE):
-            if softened >= _SOFTENED or state.time is not None or not _drifts(before, way):
+            if softened >= _SOFTENED or state.point.time is not None or not _drifts(before, way):
                 break
-            held = state if held is None else held
-            softer = _FADING * state.first_holding, _FADING * state.holding
-            state = replace(state, first_holding=softer[0], holding=softer[1])
+            held, now = state if held is None else held, state.holding
+            softer = now._replace(first=_FADING * now.first, now=_FADING * now.now)
+            state = replace(state, holding=softer)
             since, softened = 0, softened + 1
     return state if state.converged or held is None else held
 
@@ -243,15 +231,15 @@ def _iterate(problem: StaticProblem, state: Iterate) -> Iterate:
     count(Operation.CALL, problem.system.n_slots)
     linear = _linearise(problem, state)
     # One pressure a facet at first.
-    simple = coarsened(linear) if state.coarse_iterations > 0 else linear
+    simple = coarsened(linear) if state.holding.coarse > 0 else linear
     while True:
         trial, state = _solve(problem, simple, state)
         end = trial, problem.step.internal_force(trial)
         share = _step_share(problem, state, end)
         moved = _moved(problem, linear, state, end, share)
-        if state.rescues >= _MAX_RESCUES or not _runs_away(problem, state, moved):
+        if state.holding.rescues >= _MAX_RESCUES or not _runs_away(problem, state, moved):
             return moved
-        state = _held_more(state)
+        state = replace(state, holding=state.holding.stiffer())
 
 
 def _runs_away(problem: StaticProblem, state: Iterate, moved: Iterate) -> bool:
@@ -260,15 +248,9 @@ def _runs_away(problem: StaticProblem, state: Iterate, moved: Iterate) -> bool:
     Blocks that have moved by their length are a mechanism, and no springs help.
     """
     far = np.abs(moved.displacement).max() > problem.system.assembly.characteristic_length
-    if far or not problem.system.held.met(state.displacement, state.time):
+    if far or not problem.system.held.met(state.displacement, state.point.time):
         return False
     return bool((problem.farthest_overclosure < moved.gaps.x[..., 0].T).any())
-
-
-def _held_more(state: Iterate) -> Iterate:
-    """The state with stronger holding springs."""
-    stronger = max(10.0 * state.holding, _RESCUE_HOLDING * state.first_holding)
-    return replace(state, holding=stronger, rescues=state.rescues + 1)
 
 
 def _moved(
@@ -295,22 +277,14 @@ def _moved(
         force=force,
         gaps=gaps,
         at=at,
-        holding=_next_holding(state, share),
-        coarse_iterations=state.coarse_iterations - 1,
+        holding=state.holding.after(share),
     )
     residual = _residual(problem, state)
     return replace(
         state,
         residuals=(*state.residuals, residual),
-        converged=residual <= problem.tolerance,
+        converged=residual <= problem.options.tolerance,
     )
-
-
-def _next_holding(state: Iterate, share: float) -> float:
-    """Holding springs of the next iteration [N/mm]: weaker after a long step, else as they were."""
-    factor = _FADING if share > _SHORT_STEP else 1.0 if share > _SHORT_STEP**2 else 1.0 / _FADING
-    least, most = _LEAST_HOLDING * state.first_holding, max(state.first_holding, state.holding)
-    return min(max(factor * state.holding, least), most)
 
 
 def _after_full_step(
@@ -333,7 +307,7 @@ def _after_full_step(
     x
         Overclosures and slips after the step, alike [mm].
     """
-    at, pressure, anchor = x.copy(), tangent[..., 0], state.anchor
+    at, pressure, anchor = x.copy(), tangent[..., 0], state.slid.anchor
     at[..., 0] = np.where(pressure > 0.0, law.normal.overclosure(pressure), x[..., 0])
     if anchor.shape[2]:
         _, moved = law.tractions(state.at, anchor)
@@ -349,10 +323,10 @@ def bounded(problem: StaticProblem, state: Iterate, x: FloatArray) -> FloatArray
     Where supports move, blocks that run into others overlap far beyond the length of the law, where
     it is too stiff to move them apart: no more than the pressures of the step before have.
     """
-    if state.pressed is None:
+    if state.holding.pressed is None:
         return x
     law, bounded = problem.system.law, x.copy()
-    most = np.maximum(state.pressed, LIGHT_TOUCH * law.touching_pressure)
+    most = np.maximum(state.holding.pressed, LIGHT_TOUCH * law.touching_pressure)
     bounded[..., 0] = np.minimum(x[..., 0].T, law.normal.overclosure(most)).T
     return bounded
 
@@ -364,10 +338,10 @@ def _linearise(problem: StaticProblem, state: Iterate) -> Linearisation:
         gradient=gaps.gradient,
         constant=gaps.x - points.gather(gaps.gradient, state.displacement),
         at=state.at,
-        traction=law.tractions(state.at, state.anchor)[0],
-        slope=law.slope(state.at, state.anchor),
-        load_factor=state.load_factor,
-        time=state.time,
+        traction=law.tractions(state.at, state.slid.anchor)[0],
+        slope=law.slope(state.at, state.slid.anchor),
+        load_factor=state.point.factor,
+        time=state.point.time,
     )
 
 
@@ -377,16 +351,16 @@ def _solve(
     """Solve the linear problem; hold the blocks more where nothing else does."""
     while True:
         try:
-            trial = problem.step(linear, state.displacement, state.holding)
+            trial = problem.step(linear, state.displacement, state.holding.now)
             if problem.free is not None:
-                inverse = problem.step.inverse(linear, state.holding)
+                inverse = problem.step.inverse(linear, state.holding.now)
                 trial = problem.free.constrained(trial, inverse)
             _check_near(problem.system, trial)
             return trial, state
         except UnheldBlocksError as error:
-            if state.rescues >= _MAX_RESCUES:
+            if state.holding.rescues >= _MAX_RESCUES:
                 raise StaticError(_unheld_text(error)) from None
-            state = _held_more(state)
+            state = replace(state, holding=state.holding.stiffer())
 
 
 def _check_near(system: System, displacement: FloatArray) -> None:
@@ -439,16 +413,16 @@ def _step_share(
     prescribed.
     """
     system = problem.system
-    if not system.held.met(state.displacement, state.time):
+    if not system.held.met(state.displacement, state.point.time):
         return 1.0
     way = end[0] - state.displacement
-    start = float(np.vdot(state.force - problem.step.load(state.load_factor), way))
+    start = float(np.vdot(state.force - problem.step.load(state.point.factor), way))
     growth = float(np.vdot(end[1] - state.force, way))
     before, change = state.gaps.x, system.points.gather(state.gaps.gradient, way)
     weighted = system.points.weights[..., None] * change
 
     def slope(share: float) -> float:
-        traction, _ = problem.system.law.tractions(before + share * change, state.anchor)
+        traction, _ = problem.system.law.tractions(before + share * change, state.slid.anchor)
         return start + share * growth + float(np.vdot(weighted, traction))
 
     first = slope(0.0)
@@ -470,14 +444,21 @@ def _residual(problem: StaticProblem, state: Iterate) -> float:
     Where supports move over that of their forces, too: often nothing else loads the blocks. Where
     nothing resists them either, over the least force that means anything.
     """
-    system = problem.system
-    unbalanced, forces = unbalanced_forces(problem, state)
-    given = None
-    if system.held.moving:
-        supports = float(np.linalg.norm(system.held.part(unbalanced)))
-        given = max(supports, _least_force(problem, float(np.abs(state.displacement).max())))
-    free = unbalanced - system.held.part(unbalanced)
-    return _relative(problem, free, forces, given)
+    held = problem.system.held
+    unbalanced, pressing = unbalanced_forces(problem, state)
+    of_supports = held.part(unbalanced)
+    free = unbalanced - of_supports
+    if problem.free is not None:
+        free = problem.free.without(free)
+    sizes = [*map(_norm, problem.system.loads), _CONTACT_SHARE * _norm(pressing)]
+    if held.moving:
+        least = _least_force(problem, float(np.abs(state.displacement).max()))
+        sizes += [_norm(of_supports), least]
+    return _norm(free) / (max(sizes) or 1.0)
+
+
+def _norm(vector: FloatArray) -> float:
+    return float(np.linalg.norm(vector))
 
 
 def _least_force(problem: StaticProblem, farthest: float) -> float:
@@ -489,7 +470,7 @@ def _least_force(problem: StaticProblem, farthest: float) -> float:
     length = system.assembly.characteristic_length
     touch = float(system.law.touching_pressure.max(initial=0.0)) * length**2
     rounding = _EPSILON * problem.stiffest * length * farthest * math.sqrt(system.n_nodes)
-    return max(touch, rounding / problem.tolerance)
+    return max(touch, rounding / problem.options.tolerance)
 
 
 def unbalanced_forces(problem: StaticProblem, state: Iterate) -> tuple[FloatArray, FloatArray]:
@@ -498,9 +479,9 @@ def unbalanced_forces(problem: StaticProblem, state: Iterate) -> tuple[FloatArra
     On prescribed components the first are minus the forces of the supports.
     """
     system = problem.system
-    traction, _ = system.law.tractions(state.gaps.x, state.anchor)
+    traction, _ = system.law.tractions(state.gaps.x, state.slid.anchor)
     forces = system.points.weights[..., None] * traction
-    unbalanced = problem.step.load(state.load_factor) - state.force
+    unbalanced = problem.step.load(state.point.factor) - state.force
     unbalanced += system.points.scatter(state.gaps.gradient, forces)
     return unbalanced, forces[..., 0]
 
@@ -509,7 +490,7 @@ def frictions(problem: StaticProblem, state: Iterate) -> FloatArray | None:
     """Friction on block s at the points of a state, world axes, (n_facets, n_points, 3) [MPa]."""
     if not problem.system.has_friction:
         return None
-    traction, _ = problem.system.law.tractions(state.gaps.x, state.anchor)
+    traction, _ = problem.system.law.tractions(state.gaps.x, state.slid.anchor)
     return -np.einsum("fpk,fpki->fpi", traction[..., 1:], problem.system.points.sides)
 
 
@@ -521,31 +502,10 @@ def support_forces(problem: StaticProblem, state: Iterate) -> FloatArray:
     held = problem.system.held
     forces = -held.part(unbalanced_forces(problem, state)[0])
     least = _NOTHING * _least_force(problem, float(np.abs(state.displacement).max()))
-    least += problem.tolerance * float(np.linalg.norm(forces))
+    least += problem.options.tolerance * float(np.linalg.norm(forces))
     for _, way in held.moving:
         unit = way / np.maximum(np.linalg.norm(way, axis=1, keepdims=True), 1e-300)
         along = (forces[held.nodes] * unit).sum(axis=1, keepdims=True)
         if float(np.abs(along).sum()) <= least:
             forces[held.nodes] -= along * unit
     return forces
-
-
-def _relative(
-    problem: StaticProblem,
-    unbalanced: FloatArray,
-    contact_forces: FloatArray,
-    supports: float | None = None,
-) -> float:
-    """Norm of unbalanced nodal forces over that of the loads, or 1 % of the contacts' [-].
-
-    ``supports`` is that of the forces of supports that move [N]; None: none does.
-    """
-    if problem.free is not None:
-        unbalanced = problem.free.without(unbalanced)
-    size = max(
-        *(float(np.linalg.norm(load)) for load in problem.system.loads),
-        _CONTACT_SHARE * float(np.linalg.norm(contact_forces)),
-        supports or 0.0,
-    )
-    left = float(np.linalg.norm(unbalanced))
-    return left / size if size > 0.0 else left

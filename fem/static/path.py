@@ -8,27 +8,28 @@ stay.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from enum import StrEnum
 
 import numpy as np
 
-from fem.contact.search import FacingPoints, SearchedPoints
+from fem.contact.search import FacingPoints, SearchedPoints, points_of_search
 from fem.state import Evidence, State
-from fem.static.linear_step.linearisation import SparseSolver, StaticError
+from fem.static.linear_step.linearisation import StaticError
 from fem.static.newton import (
     Iterate,
-    StaticProblem,
+    Point,
+    Slid,
     bounded,
     frictions,
     held_in_motion,
     newton,
+    start_iterate,
     support_forces,
 )
+from fem.static.problem import StaticOptions, StaticProblem
 from fem.system.forces import TabularAmplitude
 from fem.system.system import System, unresisted_motions
-from geometry.errors import is_number
 from geometry.mesh import FloatArray, IntArray
 
 #: Change of the measures by twice as many load steps below which they are enough [-].
@@ -53,83 +54,67 @@ _AROUND = 2
 _SHORTER = 0.9
 #: Searches along the motion of loose blocks, for each joint that they find.
 _MAX_TRIES = 2
-
-
 #: Holding springs where a state is known, relative to the first ones.
 _SOON_HELD = 1e-3
 #: Load factors, and displacements of each group there, (n_copies, n_nodes, 3) [mm].
 Known = Sequence[tuple[float, tuple[FloatArray, ...]]]
-#: Share of the loads and time of a point of a path; None: no support moves.
-Target = tuple[float, float | None]
-
-
-class StaticMethod(StrEnum):
-    """How the linear problems are solved."""
-
-    CONDENSED = "condensed"
-    """In contact forces, with one dense flexibility per shape
-    (`fem.static.linear_step.condensed`)."""
-    SPARSE = "sparse"
-    """One sparse matrix of everything, factored by a library: slower, the oracle."""
 
 
 @dataclass(frozen=True)
-class StaticOptions:
-    """How a static problem is solved."""
+class _Place:
+    """Where a path has come to."""
 
-    method: StaticMethod = StaticMethod.CONDENSED
-    """How the linear problems are solved."""
-    sparse_solver: SparseSolver | None = None
-    """Library of the sparse method; None: the best that is installed."""
-    symmetry: int | None = None
-    """Order of the cyclic sector model; None: the largest exact one; 1: none."""
-    tolerance: float = 1e-8
-    """Norm of the residual over norm of the loads at which the iteration stops [-]."""
-    max_iterations: int = 120
-    """Linear problems solved at most for one load step."""
-    load_steps: int = 1
-    """Parts in which the load is applied: equal ones, with friction as `load_factors` says."""
-    load_tolerance: float | None = None
-    """With friction the parts are doubled until that changes displacements and pressures by less
-    [-]; None: they stay as they are, and so they do from a given start."""
-    motion_steps: int | None = 20
-    """Parts of the way of supports that move, after the load; the times of their tables come on
-    top. None: all their way at once, with the load."""
-    once: bool = False
-    """Whether what does not converge is given up, not tried in smaller load steps."""
+    problem: StaticProblem
+    iterate: Iterate
+    since: Point | None = None
+    """The same point of the path; None: the next step goes on from no other."""
+    rate: FloatArray | None = None
+    """Displacements by load or time of the step before, (n_nodes, 3)."""
+    usable: bool = True
+    """Whether another point may follow."""
 
-    def __post_init__(self) -> None:
-        if not (is_number(self.tolerance) and self.tolerance > 0.0):
-            raise StaticError(f"fem.tolerance: got {self.tolerance!r}, expected a positive number")
-        change = self.load_tolerance
-        if change is not None and not (math.isfinite(change) and change > 0.0):
-            raise StaticError(f"fem.load_tolerance: got {change}, expected a positive number")
-        for name in ("max_iterations", "load_steps", "motion_steps"):
-            if getattr(self, name) is not None and getattr(self, name) < 1:
-                raise StaticError(f"fem.{name}: got {getattr(self, name)}, expected at least 1")
+    def state(self) -> State:
+        """State of all nodes."""
+        problem, system, last = self.problem, self.problem.system, self.iterate
+        displacement = problem.step.complete(last.displacement, last.point.factor)
+        whole = unresisted_motions(system)
+        if whole is not None:
+            displacement = whole.without(displacement)
+        return State(
+            system=system,
+            displacement=displacement,
+            friction=frictions(problem, last),
+            anchor=last.slid.anchor,
+            support_force=support_forces(problem, last) if len(system.held.nodes) else None,
+            load_factor=last.point.factor,
+            time=last.point.time,
+            frictional_dissipation=last.slid.dissipation,
+            evidence=Evidence(residuals=last.residuals, converged=last.converged),
+        )
 
 
 def follow(
     problem: StaticProblem,
     state: Iterate,
-    path: Sequence[Target],
+    path: Sequence[Point],
     *,
+    stages: Sequence[System] = (),
     known: Known = (),
     search: PointSearch | None = None,
 ) -> list[State]:
     """Find the states at the points of a path, one after the other; those of a motion are cut.
 
-    A step starts where fewer parts of the load led to, or else where the one before leads to, if
-    loads grow or supports go on as before: contact laws are stiff over lengths that are far shorter
-    than a step. Steps of a motion that fail are halved; where the shortest has no equilibrium
-    either, what was reached before is an answer.
+    Steps of a motion that fail are halved; where the shortest has no equilibrium either, what was
+    reached before is an answer.
 
     Parameters
     ----------
     problem, state
         The problem, and where the path begins.
     path
-        Share of the loads and time of each point.
+        Its points.
+    stages
+        What acts in each of several stages.
     known
         States under some loads that are nearly equilibria.
     search
@@ -140,112 +125,115 @@ def follow(
     list[State]
         One for each point that was reached, at least one; the last one may be no equilibrium, or
         tell when it `stopped` (`fem.state.Evidence`).
+
+    Raises
+    ------
+    StaticError
+        A point of several stages has no equilibrium.
     """
     found, ahead = list[State](), list(path[::-1])
-    shortest = _SHORTEST * (path[-1][1] or 0.0)
-    rate: FloatArray | None = None
-    done: Target | None = None if state.displacement.any() else (0.0, None)
-    while ahead:
-        aim = factor, moment = ahead.pop()
-        begin, length = state.displacement, _length(done, aim)
-        leads = length > 0.0 and bool(moment) == bool(done and done[1])
-        way = length * rate if leads and rate is not None else None
-        guess = _guess(problem, state, aim, way, known)
-        middle = 0.5 * (state.load_factor + factor), 0.5 * ((state.time or 0.0) + (moment or 0.0))
-        shorter = bool(moment) and middle[1] - (state.time or 0.0) >= shortest
-        try:
-            there, reached, goes_on = _equilibrium(problem, guess, begin, search)
-        except StaticError:
-            if not (shorter or any(s.time is not None and s.converged for s in found)):
-                raise
-            there, reached, goes_on = problem, guess, False
-        if moment and not reached.converged:
-            tried = reached.residuals[len(state.residuals) :]
-            residuals = (*state.residuals[:-1], *tried, *state.residuals[-1:])
-            state = replace(state, residuals=residuals)
-            if shorter:
-                ahead += [aim, middle]
-                continue
-            if any(s.time and s.converged for s in found):
-                stopped = replace(found[-1].evidence, residuals=residuals, stopped=moment)
-                return [*found[:-1], replace(found[-1], evidence=stopped)]
-            return [*found, state_at(there, reached)]
-        rate = (reached.displacement - begin) / length if length > 0.0 else None
-        problem, state, done = there, reached, aim
-        found.append(state_at(problem, state))
-        if not goes_on:
-            break
+    place = _Place(problem, state, None if state.displacement.any() else Point(0.0))
+    while ahead and place.usable:
+        aim = ahead.pop()
+        if aim.stage > place.iterate.point.stage:
+            place = _entered(place, found[-1], stages[aim.stage], aim.stage)
+        begin = place.iterate.point
+        middle = _middle(begin, aim, _SHORTEST * (path[-1].time or 0.0))
+        there = _step(place, aim, known, search, may_fail=bool(middle or begin.time))
+        if there.iterate.converged or not aim.time:
+            place = there
+            found.append(place.state())
+            continue
+        residuals = _with_tried(place.iterate.residuals, there.iterate.residuals)
+        place = replace(place, iterate=replace(place.iterate, residuals=residuals))
+        if middle is not None:
+            ahead += [aim, middle]
+        elif stages:
+            raise StaticError(
+                f"static: no equilibrium was found at {aim.factor:.3g} of stage {aim.stage + 1} of "
+                f"{len(stages)}; the one before is at {begin.factor:.3g}"
+            )
+        elif begin.time:
+            stopped = replace(found[-1].evidence, residuals=residuals, stopped=aim.time)
+            return [*found[:-1], replace(found[-1], evidence=stopped)]
+        else:
+            return [*found, there.state()]
     return found
 
 
+def _entered(place: _Place, last: State, stage: System, number: int) -> _Place:
+    """Where a stage begins: slips of friction stay, and supports that ended release."""
+    before, system = place.iterate, place.problem.system
+    changed = replace(stage, begin=(last.displacement, system.external_force))
+    problem = place.problem.on(changed.on(system.points))
+    start = start_iterate(problem.system, problem.step.kept(last.displacement))
+    point = Point(0.0, 0.0, number)
+    start = replace(start, slid=before.slid, point=point, residuals=before.residuals)
+    return _Place(problem, start)
+
+
+def _middle(begin: Point, aim: Point, shortest: float) -> Point | None:
+    """Where a step of a motion is cut; None: no further, or it is none."""
+    time = 0.5 * ((begin.time or 0.0) + (aim.time or 0.0))
+    if not aim.time or time - (begin.time or 0.0) < shortest:
+        return None
+    return Point(0.5 * (begin.factor + aim.factor), time, aim.stage)
+
+
+def _with_tried(before: tuple[float, ...], after: tuple[float, ...]) -> tuple[float, ...]:
+    """Residuals after iterations that led nowhere: the last is that of the state before."""
+    return (*before[:-1], *after[len(before) :], *before[-1:])
+
+
+def _step(
+    place: _Place, aim: Point, known: Known, search: PointSearch | None, *, may_fail: bool
+) -> _Place:
+    """Take one step; one that fails leads to no equilibrium.
+
+    It starts where fewer parts of the load led to, or else where the one before leads to, if loads
+    grow or supports go on as before: contact laws are stiff over lengths that are far shorter than
+    a step.
+    """
+    problem, before, since = place.problem, place.iterate, place.since
+    length = aim.time - ((since and since.time) or 0.0) if aim.time else 0.0
+    if since is not None and not aim.time:
+        length = max(aim.factor - since.factor, 0.0)
+    way = None
+    if place.rate is not None and length > 0.0 and bool(aim.time) == bool(since and since.time):
+        way = length * place.rate
+    guess = _guess(problem, before, aim, way, known)
+    try:
+        if search is None:
+            reached, usable = _equilibrium(problem, guess, before.displacement)
+        else:
+            problem, reached, usable = search.equilibrium(problem, guess, before.displacement)
+    except StaticError:
+        if not may_fail:
+            raise
+        return replace(place, iterate=guess)
+    rate = (reached.displacement - before.displacement) / length if length > 0.0 else None
+    return _Place(problem, reached, aim, rate, usable)
+
+
 def _guess(
-    problem: StaticProblem, state: Iterate, aim: Target, way: FloatArray | None, known: Known
+    problem: StaticProblem, state: Iterate, aim: Point, way: FloatArray | None, known: Known
 ) -> Iterate:
     """Where the iteration to the next point begins: a known state, or a ``way`` [mm] further on."""
-    factor, moment = aim
-    guess = replace(state, load_factor=factor, time=moment, converged=False)
-    if moment or way is not None:
+    holding = state.holding
+    if aim.time or way is not None:
         pressures = problem.system.law.normal.pressure(state.gaps.overclosure)
-        more = 1.0 if moment else factor / state.load_factor
-        guess = replace(guess, pressed=more * float(pressures.max(initial=0.0)))
-    if moment and not problem.system.has_friction:
-        guess = held_in_motion(problem, guess)
-    above = [(load, u) for load, u in known if load >= factor and not moment]
+        more = 1.0 if aim.time else aim.factor / state.point.factor
+        holding = holding._replace(pressed=more * float(pressures.max(initial=0.0)))
+    if aim.time and not problem.system.has_friction:
+        holding = held_in_motion(problem, holding)
+    above = [(load, u) for load, u in known if load >= aim.factor and not aim.time]
     if above:
         near = min(above, key=lambda one: one[0])[1]
-        holding = min(guess.holding, _SOON_HELD * guess.first_holding)
-        guess = replace(guess, holding=holding, pressed=None)
+        now = min(holding.now, _SOON_HELD * holding.first)
+        holding = holding._replace(now=now, pressed=None)
         way = problem.step.kept(problem.system.localised(near)) - state.displacement
+    guess = replace(state, holding=holding, point=aim, converged=False)
     return guess if way is None else _led_on(problem, guess, way)
-
-
-def state_at(problem: StaticProblem, last: Iterate) -> State:
-    """State of all nodes from the last iterate of a point of a path."""
-    system = problem.system
-    displacement = problem.step.complete(last.displacement, last.load_factor)
-    whole = unresisted_motions(system)
-    if whole is not None:
-        displacement = whole.without(displacement)
-    return State(
-        system=system,
-        displacement=displacement,
-        friction=frictions(problem, last),
-        anchor=last.anchor,
-        support_force=support_forces(problem, last) if len(system.held.nodes) else None,
-        load_factor=last.load_factor,
-        time=last.time,
-        frictional_dissipation=last.dissipation,
-        evidence=Evidence(residuals=last.residuals, converged=last.converged),
-    )
-
-
-def _equilibrium(
-    problem: StaticProblem,
-    state: Iterate,
-    begin: FloatArray,
-    search: PointSearch | None,
-) -> tuple[StaticProblem, Iterate, bool]:
-    """Take a state, or a guess of it, to its own point of the path from that before, at ``begin``.
-
-    Also returns whether the next one may follow.
-    """
-    if search is not None:
-        return search.equilibrium(problem, state, begin)
-    reached = newton(problem, state)
-    if not reached.gaps.x.size:  # linear: what more steps change is the round-off of slender blocks
-        within = reached.residuals[-1] <= _ROUND_OFF
-        return problem, replace(reached, converged=reached.converged or within), True
-    if problem.system.has_friction and reached.residuals[-1] > _HISTORY:
-        # What follows would start from a history that no equilibrium has.
-        return problem, reached, False
-    return problem, _advance_friction(problem, reached, begin), True
-
-
-def _length(done: Target | None, aim: Target) -> float:
-    """How much a step adds to the load, or to the time [s]; 0: the step before leads nowhere."""
-    if aim[1]:
-        return aim[1] - ((done[1] if done else None) or 0.0)
-    return max(aim[0] - done[0], 0.0) if done else 0.0
 
 
 def _led_on(problem: StaticProblem, state: Iterate, way: FloatArray) -> Iterate:
@@ -254,11 +242,26 @@ def _led_on(problem: StaticProblem, state: Iterate, way: FloatArray) -> Iterate:
     Contact is linearised where it then is.
     """
     displacement = state.displacement + way
-    if not problem.system.held.met(displacement, state.time):
+    if not problem.system.held.met(displacement, state.point.time):
         return state
     gaps = problem.system.points.gaps(displacement)
     at = bounded(problem, state, gaps.x)
     return replace(state, displacement=displacement, gaps=gaps, at=at)
+
+
+def _equilibrium(problem: StaticProblem, guess: Iterate, begin: FloatArray) -> tuple[Iterate, bool]:
+    """Take a guess to the equilibrium of its point from that before, at ``begin``.
+
+    Also returns whether the next one may follow.
+    """
+    reached = newton(problem, guess)
+    if not reached.gaps.x.size:  # linear: what more steps change is the round-off of slender blocks
+        within = reached.residuals[-1] <= _ROUND_OFF
+        return replace(reached, converged=reached.converged or within), True
+    if problem.system.has_friction and reached.residuals[-1] > _HISTORY:
+        # What follows would start from a history that no equilibrium has.
+        return reached, False
+    return _advance_friction(problem, reached, begin), True
 
 
 def load_factors(parts: int, *, friction: bool) -> tuple[float, ...]:
@@ -273,20 +276,33 @@ def load_factors(parts: int, *, friction: bool) -> tuple[float, ...]:
     return tuple((k / parts) ** power for k in range(1, parts + 1))
 
 
-def points_of(system: System, options: StaticOptions) -> list[Target]:
-    """Load factor and time at the end of each step: the load first, then motions of supports.
+def points_of(stages: Sequence[System], options: StaticOptions) -> list[Point]:
+    """Points of a path: the load first, then motions of supports; of several stages both at once.
 
-    Without supports that move there is no time.
+    Without supports that move a single stage has no time. In a stage forces and prescribed
+    displacements change in equal increments from the state before it, as many as load steps.
     """
-    moving, steps = system.held.moving, options.motion_steps
-    requested = load_factors(options.load_steps, friction=system.has_friction)
+    *before, system = stages
+    parts, steps = options.load_steps, options.motion_steps
+    if before:
+        act = [bool(stage.external_force.any()) for stage in stages]
+        return [
+            Point(share, share, number)
+            for number, stage in enumerate(stages)
+            for share in load_factors(
+                parts if stage.moves or any(act[max(number - 1, 0) : number + 1]) else 1,
+                friction=number == 0,
+            )
+        ]
+    moving = system.held.moving
+    requested = load_factors(parts, friction=system.has_friction)
     if not moving or steps is None:
-        return [(factor, None) for factor in requested]
+        return [Point(factor) for factor in requested]
     tables = [np.array(share.times) for share, _ in moving if isinstance(share, TabularAmplitude)]
     end = max((float(times[-1]) for times in tables), default=1.0)
     times = np.unique(np.concatenate([end * np.arange(1, steps + 1) / steps, *tables]))
-    before = [(factor, 0.0) for factor in requested] if system.external_force.any() else []
-    return [*before, *((1.0, time) for time in times[times > 0.0].tolist())]
+    loads = [Point(factor, 0.0) for factor in requested] if system.external_force.any() else []
+    return [*loads, *(Point(1.0, time) for time in times[times > 0.0].tolist())]
 
 
 @dataclass
@@ -294,37 +310,44 @@ class PointSearch:
     """Points that follow the motion along a path."""
 
     points: FacingPoints
-    anew: Callable[[StaticProblem, Iterate], tuple[StaticProblem, Iterate]]
-    """Problem and state on the points of the place that a state has."""
     elastic: ElasticSlips
     """Elastic slips where the next step begins."""
     begin: FloatArray | None
     """Displacements from which slips of the first step count, on points that are searched there,
     (n_nodes, 3) [mm]; None: a step came before."""
 
+    def system(self, system: System) -> System:
+        """A system on the present points."""
+        clearance, normals = system.surfaces.clearance, system.contact.normals
+        return system.on(points_of_search(self.points, clearance, normals))
+
+    def anew(self, problem: StaticProblem, state: Iterate) -> tuple[StaticProblem, Iterate]:
+        """Problem and state on the points of the place that a state has."""
+        everywhere = problem.step.complete(state.displacement, state.point.factor)
+        self.points.displace(tuple(problem.system.expand(everywhere)))
+        self.points.search()
+        problem = problem.on(self.system(problem.system))
+        kept = problem.step.kept(everywhere)
+        gaps = problem.system.points.gaps(kept)
+        return problem, replace(state, displacement=kept, gaps=gaps, at=gaps.x)
+
     def equilibrium(
         self, problem: StaticProblem, state: Iterate, begin: FloatArray
     ) -> tuple[StaticProblem, Iterate, bool]:
         """Find an equilibrium whose points are those of its own place, as `_equilibrium`."""
         points, begin = self.points, begin if self.begin is None else self.begin
-        aim, joints, tries = (state.load_factor, state.time), 0, _MAX_TRIES
-        least, around = math.inf, 0
+        joints, tries, least, around = 0, _MAX_TRIES, math.inf, 0
         for search in range(_MAX_SEARCHES):
             if search or self.begin is None:
                 problem, state = self.anew(problem, state)
             if _n_joints(problem) > joints:
                 joints, tries = _n_joints(problem), _MAX_TRIES
-            state = replace(
-                state,
-                load_factor=aim[0],
-                time=aim[1],
-                anchor=self.elastic.anchor(problem, points, begin),
-                converged=False,
-            )
+            anchor = self.elastic.anchor(problem, points, begin)
+            state = replace(state, slid=state.slid._replace(anchor=anchor), converged=False)
             before = state.displacement
             state = newton(problem, state)
             moved = float(np.abs(state.displacement - before).max())
-            if not state.converged and aim[1] is None and moved > points.skin and tries:
+            if not state.converged and state.point.time is None and moved > points.skin and tries:
                 # Where blocks move to, others may stop them.
                 reached = points.farthest / max(moved, points.farthest)
                 on_the_way = before + reached * (state.displacement - before)
@@ -332,7 +355,7 @@ class PointSearch:
                 continue
             least, around = (moved, 0) if moved < _SHORTER * least else (least, around + 1)
             enough = _FOLLOWED * points.skin
-            if problem.system.has_friction and aim[0] < 1.0 and search:
+            if problem.system.has_friction and state.point.factor < 1.0 and search:
                 way = float(np.abs(state.displacement - begin).max())
                 enough = max(enough, _ON_THE_WAY * way)
             settled = 2.0 * moved <= enough
@@ -366,7 +389,7 @@ class ElasticSlips:
         """After the anchors have moved."""
         result, surfaces = cls.none(points), _searched(problem)
         if problem.system.has_friction:
-            slip = (state.gaps.x[..., 1:] - state.anchor)[:, 0]
+            slip = (state.gaps.x[..., 1:] - state.slid.anchor)[:, 0]
             result.slip[surfaces.order] = np.einsum("nk,nki->ni", slip, surfaces.sides[:, 0])
         return result
 
@@ -400,7 +423,7 @@ def _advance_friction(problem: StaticProblem, state: Iterate, begin: FloatArray)
     """
     if not problem.system.has_friction:
         return state
-    law, anchor = problem.system.law, state.anchor
+    law, anchor = problem.system.law, state.slid.anchor
     first, _ = law.tractions(problem.system.points.gaps(begin).x, anchor)
     last, moved = law.tractions(state.gaps.x, anchor)
     before, pressure, touching = first[..., 0], last[..., 0], last[..., 0] > 0.0
@@ -408,5 +431,5 @@ def _advance_friction(problem: StaticProblem, state: Iterate, begin: FloatArray)
     resisting = np.where(touching[..., None], mean[..., None] * last, 0.5 * first)[..., 1:]
     lost = problem.system.points.weights * ((moved - anchor) * resisting).sum(axis=2)
     times = problem.system.orbits.times(problem.system.points)
-    total = state.dissipation + float((times * lost).sum())
-    return replace(state, anchor=moved, dissipation=total)
+    total = state.slid.dissipation + float((times * lost).sum())
+    return replace(state, slid=Slid(moved, total))

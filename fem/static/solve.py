@@ -14,33 +14,20 @@ import contextlib
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from functools import partial
 
 import numpy as np
 
-from fem.contact.search import FacingPoints, SearchedPoints, points_of_search
 from fem.state import State
-from fem.static.linear_step.condensed import CondensedStep
 from fem.static.linear_step.flexibility import FlexibilityStore
-from fem.static.linear_step.grid_block import GridBlock
-from fem.static.linear_step.linearisation import LinearStep, SparseStep, StaticError
-from fem.static.linear_step.reduced import ReducedStep, is_smaller
-from fem.static.newton import (
-    Iterate,
-    StaticProblem,
-    localised,
-    require_near,
-    start_iterate,
-)
-from fem.static.path import (
-    ElasticSlips,
-    Known,
-    PointSearch,
+from fem.static.linear_step.linearisation import StaticError
+from fem.static.newton import Iterate, Point, require_near, start_iterate
+from fem.static.path import ElasticSlips, Known, PointSearch, follow, points_of
+from fem.static.problem import (
     StaticMethod,
     StaticOptions,
-    follow,
-    load_factors,
-    points_of,
+    StaticProblem,
+    problem_of,
+    structured_blocks,
 )
 from fem.system.contact_state import facing_points
 from fem.system.loose import loose_blocks, require_supported
@@ -63,9 +50,6 @@ _FALLBACK_LOAD_STEPS = 4
 MOST_PARTS = 16
 #: Increments of a stage with which the doubling begins.
 _INCREMENTS = 5
-#: Supported nodes of a block beyond which one sparse matrix takes the place of dense flexibilities,
-#: which keep them: plane strain holds every node of a slice, and 3 400 took 12 GB.
-_MOST_HELD = 1500
 
 
 @one_thread_of_blas()
@@ -118,19 +102,16 @@ def static_state(
         options = replace(options, motion_steps=None, symmetry=1)
     rubs = system.meets and system.contact.friction is not None and start is None
     doubles = options.load_tolerance is not None and (rubs or bool(before))
-    near = dict(known) if doubles else {}
+    stages, near = [*before, system], dict(known) if doubles and not before else {}
 
     def in_parts(parts: int) -> State:
-        once = replace(options, load_steps=parts)
-        if before:
-            return _through_stages([*before, system], once, store)
-        result: State | None = None
+        once, result = replace(options, load_steps=parts), None
         if near:
             with contextlib.suppress(StaticError):
-                result = _load(system, once, start, store, known=tuple(near.items()))
+                result = _followed(stages, once, start, store, known=tuple(near.items()))
         if result is None or not result.converged:
-            result = _load(system, once, start, store)
-        if doubles and result.converged:
+            result = _followed(stages, once, start, store)
+        if doubles and not before and result.converged:
             path = (*result.evidence.path, result)
             near.update({one.load_factor: one.displacements for one in path})
         return result
@@ -195,93 +176,62 @@ def doubled(solve: Callable[[int], State], parts: int, tolerance: float) -> Stat
     return fine
 
 
-def _load(
-    system: System,
+def _followed(
+    stages: Sequence[System],
     options: StaticOptions,
     start: tuple[FloatArray, ...] | None,
     store: FlexibilityStore,
     *,
     known: Known = (),
 ) -> State:
-    """Apply the load in the requested parts; states under some loads may be ``known`` nearly."""
+    """Follow the path of all stages, in load steps where all at once does not converge.
+
+    States under some loads may be ``known`` nearly.
+    """
     clock = time.process_time()
-    # Points of a search are those of a sector; states of least energy may be less symmetric.
-    contact = system.contact
-    rough = contact.friction is not None and not contact.finite_sliding
-    half_turn = rough or _grids(system, options) is not None
-    orbits = _orbits(system, options.symmetry, half_turn=half_turn)
-    problem, search = _beginning(system.in_sector(orbits), options, store, start)
+    first, several = stages[0], stages if len(stages) > 1 else ()
+    if several:
+        rest = np.zeros((first.n_nodes, 3))
+        first = replace(first, begin=(rest, rest))
+    else:
+        # Points of a search are those of a sector; states of least energy may be less symmetric.
+        rough = first.contact.friction is not None and not first.contact.finite_sliding
+        half_turn = rough or structured_blocks(first, options) is not None
+        first = first.in_sector(_orbits(first, options.symmetry, half_turn=half_turn))
+    problem, begin, search = _beginning(first, options, store, start)
+    if several:
+        begin = replace(begin, point=Point(0.0, 0.0))
     ready = time.process_time()
-    before = None if start is None else localised(problem.system, start)
-    first = start_iterate(problem.system, before)
-    again = None if search is None else replace(search)
-    path = points_of(problem.system, options)
-    found = follow(problem, first, path, known=known, search=search)
+    path = points_of([first, *stages[1:]], options)
+    found = follow(problem, begin, path, stages=several, known=known, search=search)
     more = options.load_steps < _FALLBACK_LOAD_STEPS
     if more and not options.once and not found[-1].converged:
         options = replace(options, load_steps=_FALLBACK_LOAD_STEPS)
-        first = replace(first, residuals=found[-1].evidence.residuals)
-        if again is not None:
-            problem, first = again.anew(problem, first)
-            again.elastic = ElasticSlips.none(again.points)
-        path = points_of(problem.system, options)
-        found = _closer(found, follow(problem, first, path, known=known, search=again))
-    return _with_evidence(found, options, (clock, ready))
-
-
-def _through_stages(
-    stages: Sequence[System], options: StaticOptions, store: FlexibilityStore
-) -> State:
-    """Follow all stages, each in as many increments as there are load steps.
-
-    From the state before a stage forces and prescribed displacements change in equal increments.
-    Slips of friction stay; a support that ends is released at the start of its stage. Increments
-    that do not converge are halved.
-    """
-    clock = time.process_time()
-    moved = forces = np.zeros((stages[0].n_nodes, 3))
-    system = replace(stages[0], begin=(moved, forces))
-    problem, search = _beginning(system, options, store)
-    begin, ready = start_iterate(problem.system), time.process_time()
-    found = list[State]()
-    for number, stage in enumerate(stages, start=1):
-        if found:
-            state = found[-1]
-            moved, forces = state.displacement, _force(state)
-            system = replace(stage, begin=(moved, system.external_force))
-            problem = problem_of(system.on(state.system.points), options, store)
-            begin = replace(
-                start_iterate(problem.system, problem.step.kept(moved)),
-                dissipation=state.frictional_dissipation,
-                residuals=state.evidence.residuals,
-            )
-            if state.anchor is not None:
-                begin = replace(begin, anchor=state.anchor)
-        acts = stage.moves or system.loads.any()
-        parts = load_factors(options.load_steps if acts else 1, friction=number == 1)
-        begin = replace(begin, load_factor=0.0, time=0.0)
-        found = follow(problem, begin, [(s, s) for s in parts], search=search)
-        state = found[-1]
-        failed, reached = state.evidence.stopped, state.load_factor
-        if failed is None and not state.converged:
-            failed, reached = reached, 0.0
-        if failed is not None:
-            raise StaticError(
-                f"static: no equilibrium was found at {failed:.3g} of stage {number} of "
-                f"{len(stages)}; the one before is at {reached:.3g}"
-            )
-    pushed = {0.0: forces} | {one.load_factor: _force(one) for one in found}
-    whole = {share: tuple(system.expand(force)) for share, force in pushed.items()}
-    first = tuple(system.expand(moved))
-    curves = tuple(_curve(one, first, whole) for one in moving_supports(stages[-1]))
+        problem, begin, search = _beginning(first, options, store, start)
+        begin = replace(begin, residuals=found[-1].evidence.residuals)
+        path = points_of([first, *stages[1:]], options)
+        found = _closer(found, follow(problem, begin, path, known=known, search=search))
     state = _with_evidence(found, options, (clock, ready))
-    state.evidence.curves = curves
+    if several:
+        state.evidence.curves = _curves(found, stages[-1])
     return state
 
 
-def _force(state: State) -> FloatArray:
-    """Of the supports on all nodes, (n_nodes, 3) [N]."""
-    return np.zeros_like(state.displacement) if state.support_force is None else state.support_force
+def _curves(found: list[State], stage: System) -> tuple[PushCurve, ...]:
+    """Forces of supports that move in the last of several stages, from where it begins."""
+    mine = _of_last_stage(found)
+    before, (last,) = found[: -len(mine)], mine[-1:]
+    assert last.system.begin is not None
+    places = tuple(last.system.expand(last.system.begin[0]))
+    still = tuple(np.zeros_like(place) for place in places)
+    pushed: dict[float, Forces] = {0.0: (before[-1].support_forces if before else ()) or still}
+    pushed |= {one.load_factor: one.support_forces for one in mine}
+    return tuple(_curve(moving, places, pushed) for moving in moving_supports(stage))
+
+
+def _of_last_stage(found: list[State]) -> list[State]:
+    """States that go on from the beginning of the last one."""
+    return [one for one in found if one.system.begin is found[-1].system.begin]
 
 
 def _curve(moving: MovingSupport, begin: Forces, pushed: dict[float, Forces]) -> PushCurve:
@@ -301,7 +251,7 @@ def _with_evidence(
 
     ``clocks`` are the CPU times at which the run and its path began [s].
     """
-    *path, last = found
+    *path, last = _of_last_stage(found)
     (clock, ready), end = clocks, time.process_time()
     require_near(last.system, last.displacement)
     evidence = replace(
@@ -323,24 +273,31 @@ def _beginning(
     system: System,
     options: StaticOptions,
     store: FlexibilityStore,
-    start: tuple[FloatArray, ...] | None = None,
-) -> tuple[StaticProblem, PointSearch | None]:
-    """The problem of a system, and points that follow the motion where contact is searched."""
+    start: tuple[FloatArray, ...] | None,
+) -> tuple[StaticProblem, Iterate, PointSearch | None]:
+    """The problem of a system, where it begins, and what follows the motion if it is searched."""
     if not system.meets:
         require_supported(system)
-    near = None if start is None else localised(system, start)
+    near = None if start is None else _localised(system, start)
     if not system.contact.finite_sliding:
-        return problem_of(system, options, store, near), None
+        problem = problem_of(system, options, store, near)
+        return problem, start_iterate(problem.system, near), None
     points = facing_points(system, start)
-    anew = partial(_searched_anew, options=options, points=points, store=store)
-    problem = problem_of(system.on(_found(points, system)), options, store)
-    begin = np.zeros((system.n_nodes, 3)) if near is None else near
-    return problem, PointSearch(points, anew, ElasticSlips.none(points), begin)
+    rest = np.zeros((system.n_nodes, 3)) if near is None else near
+    search = PointSearch(points, ElasticSlips.none(points), rest)
+    problem = problem_of(search.system(system), options, store)
+    return problem, start_iterate(problem.system, near), search
 
 
-def _found(points: FacingPoints, system: System) -> SearchedPoints:
-    """Points of a search at its present positions."""
-    return points_of_search(points, system.surfaces.clearance, system.contact.normals)
+def _localised(system: System, start: tuple[FloatArray, ...]) -> FloatArray:
+    """Displacements of each group on the representatives, in block frames; (n_nodes, 3) [mm]."""
+    expected = [(g.n_copies, g.n_nodes, 3) for g in system.bodies]
+    if [u.shape for u in start] != expected:
+        raise StaticError(
+            f"start: got displacements of shapes {[u.shape for u in start]}; "
+            f"expected {expected}: start from a state of the same model"
+        )
+    return system.localised(start)
 
 
 def _closer(once: list[State], in_parts: list[State]) -> list[State]:
@@ -354,78 +311,11 @@ def _closer(once: list[State], in_parts: list[State]) -> list[State]:
     return [*once[:-1], replace(first, evidence=tried)]
 
 
-def problem_of(
-    system: System,
-    options: StaticOptions,
-    store: FlexibilityStore,
-    near: FloatArray | None = None,
-) -> StaticProblem:
-    """The system with its linear step; displacements ``near`` its solution, (n_nodes, 3) [mm]."""
-    friction = system.has_friction
-    step: LinearStep
-    # On searched points limits of friction follow the pressures, in displacements alone.
-    in_displacements = isinstance(system.points, SearchedPoints) and friction
-    whole = options.method is StaticMethod.SPARSE or not system.meets
-    whole |= _most_held(system) > _MOST_HELD
-    grids = _grids(system, options)
-    if grids is not None:
-        from fem.static.linear_step.grid import GridStep
-
-        step = GridStep(system, grids, near)
-    elif whole or (in_displacements and not is_smaller(system)):
-        step = SparseStep(system, options.sparse_solver)
-    elif in_displacements:
-        step = ReducedStep(system, store, options.sparse_solver)
-    else:
-        step = CondensedStep(system, store, friction=friction)
-    return StaticProblem(system, step, options.tolerance, options.max_iterations)
-
-
-def _grids(deformable: System, options: StaticOptions) -> tuple[GridBlock, ...] | None:
-    """Structured blocks, where these are solved in the forces of their contact points."""
-    curved = any(group.element.degree > 1 for group in deformable.bodies)
-    if options.method is StaticMethod.SPARSE or not curved:
-        return None
-    from fem.static.linear_step.grid import grid_blocks
-
-    return grid_blocks(deformable)
-
-
-def _most_held(system: System) -> int:
-    """Supported nodes of the block that has most of them."""
-    slots = np.searchsorted(system.node_start, system.held.nodes, side="right")
-    return int(np.bincount(slots).max(initial=0))
-
-
 def _orbits(deformable: System, symmetry: int | None, *, half_turn: bool) -> Orbits:
     if symmetry is None:
         largest = largest_cyclic_orbits(deformable)
         return with_half_turn(deformable, largest) if half_turn else largest
     return deformable.orbits if symmetry == 1 else cyclic_orbits(deformable, symmetry)
-
-
-def _searched_anew(
-    problem: StaticProblem,
-    state: Iterate,
-    *,
-    options: StaticOptions,
-    points: FacingPoints,
-    store: FlexibilityStore,
-) -> tuple[StaticProblem, Iterate]:
-    """The problem on the points of the place that a state has, and the state linearised there."""
-    system = problem.system
-    everywhere = problem.step.complete(state.displacement, state.load_factor)
-    points.displace(tuple(system.expand(everywhere)))
-    points.search()
-    there = problem_of(system.on(_found(points, system)), options, store)
-    return there, linearised_at(there, state, everywhere)
-
-
-def linearised_at(problem: StaticProblem, state: Iterate, displacement: FloatArray) -> Iterate:
-    """A state of a problem linearised at displacements of all nodes, (n_nodes, 3) [mm]."""
-    kept = problem.step.kept(displacement)
-    gaps = problem.system.points.gaps(kept)
-    return replace(state, displacement=kept, gaps=gaps, at=gaps.x)
 
 
 # ---------------------------------------------------------------------------------------------

@@ -20,7 +20,7 @@ from fem.accuracy.ladder import coarser, split
 from fem.accuracy.ladder import on_mesh as on_degree
 from fem.accuracy.transfer import interpolation, node_places, transferred
 from fem.element.lagrange_mesh import with_degree
-from fem.static import solve
+from fem.static import problem as static_problem
 from fem.static.linear_step.grid import grid_blocks
 from fem.static.linear_step.grid_block import PointFlexibility
 from fem.static.solve import StaticMethod, StaticOptions
@@ -105,7 +105,7 @@ def test_two_solvers_find_one_state(
         raise AssertionError("the state was not found in contact forces")
 
     for step in ("SparseStep", "CondensedStep"):
-        monkeypatch.setattr(solve, step, no_other)
+        monkeypatch.setattr(static_problem, step, no_other)
     options = StaticOptions(tolerance=1e-10)
     found = by_options(problem, options)
     assert apart(found.fields["displacement"], oracle.fields["displacement"]) < 1e-7

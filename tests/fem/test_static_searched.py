@@ -7,7 +7,7 @@ import pytest
 
 from fem import CoulombFriction, Frames, LinearPenalty
 from fem.contact.normals import ContactNormals
-from fem.static import solve as static_solve
+from fem.static import problem as static_problem
 from fem.static.linear_step.linearisation import StaticError
 from fem.static.solve import StaticMethod, StaticOptions, static_state
 from fem.system.forces import SmoothStepAmplitude
@@ -102,7 +102,7 @@ def test_blocks_condensed_on_what_points_touch_move_as_one_sparse_matrix(monkeyp
     model = stack((5, 5, 5), (4, 4, 6), friction=CoulombFriction(0.3), gravity=gravity)
     options = StaticOptions(load_steps=2, tolerance=1e-10)
     sparse = static_state(model, replace(options, method=StaticMethod.SPARSE))
-    monkeypatch.setattr(static_solve, "SparseStep", None)  # another step is taken
+    monkeypatch.setattr(static_problem, "SparseStep", None)  # another step is taken
     found = static_state(model, options)
     size = sparse.largest_displacement
     for one, other in zip(found.displacements, sparse.displacements, strict=True):
