@@ -13,15 +13,19 @@ couplings, are not symmetric then (`Leaning`), and each level is an LU factorisa
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 import scipy.linalg
+from scipy.sparse import csr_array
+from scipy.sparse.csgraph import dijkstra
 
+from fem.system.system import System
 from geometry.machine.work import count_elimination
-from geometry.mesh import FloatArray
+from geometry.mesh import BoolArray, FloatArray, IntArray
 
 #: Forces and motions of a level, or their right-hand sides.
 Side = tuple[FloatArray, FloatArray]
@@ -259,6 +263,179 @@ def factor_chain(levels: Sequence[Level]) -> ChainFactor:
         if k + 1 < len(levels):
             eliminated.update(level, levels[k + 1])
     return ChainFactor(levels, tuple(done))
+
+
+class Rows(NamedTuple):
+    """Contact points, or components of pairs, level by level."""
+
+    order: IntArray
+    """Which of them is each row, (n,)."""
+    start: IntArray
+    """First row of each level, and the total; (n_levels + 1,)."""
+    first_shared: IntArray
+    """First row of each level that is shared with the next, (n_levels,)."""
+
+    @property
+    def within(self) -> IntArray:
+        """Row of each point within its level, (n,)."""
+        within = np.empty(len(self.order), dtype=np.int64)
+        within[self.order] = np.concatenate([np.arange(n) for n in np.diff(self.start)])
+        return within
+
+    def split(self, values: FloatArray) -> list[FloatArray]:
+        """Values of all points as those of the rows of each level."""
+        return np.split(values[self.order], self.start[1:-1])
+
+    def joined(self, values: Sequence[FloatArray]) -> FloatArray:
+        """Values of all points of those of the rows of each level, (n,)."""
+        result = np.empty(len(self.order))
+        result[self.order] = np.concatenate(values)
+        return result
+
+
+class Chain:
+    """Blocks in levels: contacts lie within a level, or between neighbouring ones."""
+
+    def __init__(self, system: System) -> None:
+        self.level_of = levels_of(system)
+        #: Slots of each level, and of both blocks of each facet, (2, n_facets); -1: rigid.
+        self.members = [
+            np.flatnonzero(self.level_of == k).tolist() for k in range(int(self.level_of.max()) + 1)
+        ]
+        points, far = system.points, np.iinfo(np.int64).max
+        self.slots: IntArray = system.slot_of[np.stack([points.block_m, points.block_s])]
+        #: Lower level of each facet, and whether its other block is in the next one, (n_facets,).
+        self.low, high = np.sort(np.append(self.level_of, far)[self.slots], axis=0)
+        self.shared: BoolArray = (high != far) & (high > self.low)
+
+    def rows(self, facet: IntArray) -> Rows:
+        """Order points, ascending, of some facets (n,): those shared with the next level last."""
+        low, shared, n = self.low[facet], self.shared[facet], len(self.members)
+        order = np.lexsort((shared, low))
+        start = np.searchsorted(low[order], np.arange(n + 1))
+        return Rows(order, start, start[1:] - np.bincount(low[shared], minlength=n)[:n])
+
+    def spans(self, widths: Sequence[int]) -> list[slice]:
+        """Columns of slots with so many motions among those of their level."""
+        span = [slice(0)] * len(widths)
+        for slots in self.members:
+            for before, slot in zip([None, *slots], slots, strict=False):
+                first = 0 if before is None else span[before].stop
+                span[slot] = slice(first, first + widths[slot])
+        return span
+
+    def zeros(self, rows: Rows, span: Sequence[slice]) -> list[Level]:
+        """Levels without any block."""
+        size, first = np.diff(rows.start), rows.first_shared - rows.start[:-1]
+        width = [span[slots[-1]].stop for slots in self.members]
+        ends = zip([*size[1:], 0], [*width[1:], 0], strict=True)
+        return [
+            Level(
+                flexibility=np.zeros((n, n), order="F"),
+                motions=np.zeros((n, m)),
+                holding=np.zeros((m, m)),
+                first_shared=int(shared),
+                next_flexibility=np.zeros((n - shared, n_next)),
+                next_motions=np.zeros((n - shared, m_next)),
+                next_holding=np.zeros((m, m_next)),
+            )
+            for n, m, shared, (n_next, m_next) in zip(size, width, first, ends, strict=True)
+        ]
+
+    def sides(
+        self, forces: list[FloatArray], motions: Sequence[FloatArray] | FloatArray
+    ) -> list[Side]:
+        """Right-hand sides of the levels, of forces of their rows and of motions of each slot."""
+        pairs = zip(forces, self.members, strict=True)
+        return [(force, np.concatenate([motions[s] for s in slots])) for force, slots in pairs]
+
+
+class Part(NamedTuple):
+    """Points of one level of a block."""
+
+    level: int
+    rows: IntArray
+    """Their rows within the level, (n,)."""
+    felt: FloatArray
+    """What motions of the block do to them, (n, n_motions)."""
+    at: Any
+    """Which of the points of the block they are."""
+
+
+def add_block(
+    levels: Sequence[Level],
+    place: tuple[int, slice],
+    parts: Sequence[Part],
+    between: Callable[[Any, Any], FloatArray],
+) -> None:
+    """Add a block to levels.
+
+    Parameters
+    ----------
+    levels
+        To which is added.
+    place
+        Level of the block, and the columns of its motions there.
+    parts
+        Its points, in the order of their levels.
+    between
+        Flexibility of the block between two parts, (n, m).
+    """
+    own, span = place
+    for number, part in enumerate(parts):
+        level, rows = levels[part.level], part.rows
+        if part.level == own:
+            level.motions[rows, span] += part.felt
+        else:
+            level.next_motions[rows - level.first_shared, span] += part.felt
+        for other in parts[: number + 1]:
+            flexible, below = between(other.at, part.at), levels[other.level]
+            if below is not level:
+                _add(below.next_flexibility, other.rows - below.first_shared, rows, flexible)
+                continue
+            _add(level.flexibility, other.rows, rows, flexible)
+            if other is not part:
+                _add(level.flexibility, rows, other.rows, flexible.T)
+
+
+def _add(matrix: FloatArray, rows: IntArray, columns: IntArray, more: FloatArray) -> None:
+    """Add a matrix at some rows and columns, ascending; where these follow each other at once."""
+    runs = [slice(int(at[0]), int(at[-1]) + 1) for at in (rows, columns) if len(at)]
+    if len(runs) == 2 and matrix[runs[0], runs[1]].shape == more.shape:
+        matrix[runs[0], runs[1]] += more
+    else:
+        matrix[np.ix_(rows, columns)] += more
+
+
+def levels_of(system: System) -> IntArray:
+    """Level of each slot: contacts lie within a level or between neighbouring ones.
+
+    The layers of the assembly where they are such levels, else distances from an end of the
+    graph of blocks (the farthest from an arbitrary one).
+    """
+    surfaces = system.points
+    first = surfaces.pair_start[:-1]
+    m = system.slot_of[surfaces.block_m[first]]
+    s = system.slot_of[surfaces.block_s[first]]
+    both = (m >= 0) & (s >= 0)
+    m, s = m[both], s[both]
+    layer = system.assembly.layer[system.blocks]
+    layer = np.unique(layer, return_inverse=True)[1]
+    if not len(m) or np.abs(layer[m] - layer[s]).max() <= 1:
+        return np.asarray(layer, dtype=np.int64)
+    far = int(np.argmax(_distances(0, m, s, system.n_slots)))
+    return _distances(far, m, s, system.n_slots)
+
+
+def _distances(start: int, m: IntArray, s: IntArray, n: int) -> IntArray:
+    """Steps from a slot to every other; parts that are not connected begin anew at zero."""
+    graph = csr_array((np.ones(len(m)), (m, s)), shape=(n, n))
+    distance = np.full(n, np.inf)
+    for seed in [start, *range(n)]:
+        if np.isinf(distance[seed]):
+            near = dijkstra(graph, directed=False, indices=seed, unweighted=True)
+            distance = np.minimum(distance, near)
+    return distance.astype(np.int64)
 
 
 def _lower_solve(factor: FloatArray, right: FloatArray, *, overwrite: bool = False) -> FloatArray:

@@ -29,13 +29,16 @@ from itertools import pairwise
 import numpy as np
 import numpy.typing as npt
 from scipy.sparse import csc_array, csr_array
-from scipy.sparse.csgraph import dijkstra
 
 from fem.contact.search import SearchedPoints
 from fem.static.linear_step.block_tridiagonal import (
+    Chain,
     ChainFactor,
     Level,
+    Part,
+    Rows,
     UnresistedMotionError,
+    add_block,
     factor_chain,
 )
 from fem.static.linear_step.condensation import condense
@@ -70,16 +73,17 @@ class CondensedStep:
         self, system: System, store: FlexibilityStore | None = None, *, friction: bool = False
     ) -> None:
         self._system = system
-        self._level_of = levels_of(system)
+        self._chain = Chain(system)
         self._pairs = NodePairs(system) if friction else None
         self._store = FlexibilityStore() if store is None else store
         self._transform, free = system.held.transform(system.n_nodes)
         self._is_free = np.zeros(3 * system.n_nodes, dtype=np.bool_)
         self._is_free[free] = True
         self._kind_of, self._kinds = self._make_kinds()
+        self._span = self._chain.spans([self._kinds[k].rigid.shape[1] for k in self._kind_of])
         self._reduce_loads()
         self._number_variables()
-        self._last: _Chain | None = None
+        self._last: _Assembled | None = None
 
     # -----------------------------------------------------------------------------------------
     # Once
@@ -117,9 +121,7 @@ class CondensedStep:
     def _check_memory(self, nodes: list[IntArray]) -> None:
         """Reject a problem whose dense matrices are beyond the memory, before any is made."""
         surfaces = self._system.points
-        level = np.append(self._level_of, np.iinfo(np.int64).max)  # of rigid blocks
-        slots = self._system.slot_of[np.stack([surfaces.block_m, surfaces.block_s])]
-        low = level[slots].min(axis=0)
+        low = self._chain.low
         points = np.bincount(low) * surfaces.weights.shape[1]
         rows = points if self._pairs is None else 3 * np.bincount(low[self._pairs.facet])
         forces = _FORCE_COPIES * (rows.astype(np.float64) ** 2).sum()
@@ -231,8 +233,8 @@ class CondensedStep:
         motions = [-self._kind(s).rigid.T @ f for s, f in enumerate(loads)]
         if holding:
             motions = [m - holding * self._motion(s, before) for s, m in enumerate(motions)]
-        solved = factored.solve(felt, motions, loaded=True)
-        return self._displacements(factored.chain.rows, responses, *solved, value)
+        solved = self._solved(factored, felt, motions, loaded=True)
+        return self._displacements(factored.chain.of_slots, responses, *solved, value)
 
     def inverse(self, linear: Linearisation, holding: float = 0.0) -> NodalInverse:
         """Inverse of K + Σ w k ∂x/∂u ∂x/∂uᵀ on the contact nodes, for many nodal forces.
@@ -253,8 +255,8 @@ class CondensedStep:
             responses = [self._kind(s).inverse @ f for s, f in enumerate(loads)]
             motions = [-self._kind(s).rigid.T @ f for s, f in enumerate(loads)]
             felt = self._felt(factored, responses, nothing)
-            solved = factored.solve(felt, motions, loaded=False)
-            return self._displacements(factored.chain.rows, responses, *solved, nothing)
+            solved = self._solved(factored, felt, motions, loaded=False)
+            return self._displacements(factored.chain.of_slots, responses, *solved, nothing)
 
         return apply
 
@@ -273,47 +275,36 @@ class CondensedStep:
             if self._last is None or not np.array_equal(self._last.active, law.active):
                 self._last = self._assembled(law, self._pairs.facet[law.active // 3])
             chain = self._last
-        slots, law = chain.slots, law.ordered(chain.points.order)
+        law = law.ordered(chain.rows.order)
         bound = law.bind(chain.held(holding))
         try:
             factor = factor_chain(bound.levels)
         except UnresistedMotionError as error:
-            blocks = [int(self._system.blocks[s]) for s in slots[error.level]]
+            slots = self._chain.members[error.level]
+            blocks = self._system.blocks[slots].tolist()
             raise UnheldBlocksError("too few contacts press", tuple(blocks)) from None
         except np.linalg.LinAlgError:
             # Stiffness beyond all bounds leaves the points of a facet no compliance of their own.
             raise UnheldBlocksError("contact presses beyond all bounds", ()) from None
         return _Factored(chain, law, bound, factor), turned
 
-    def _assembled(self, law: PointLaw | PairLaw, facet: IntArray) -> _Chain:
+    def _assembled(self, law: PointLaw | PairLaw, facet: IntArray) -> _Assembled:
         """Flexibilities and motions of the rows of a law, which belong to some facets."""
-        points = self._ordered(law.active, facet)
-        rows = self._rows(csr_array(law.gradient[points.order]))
-        levels, slots = self._levels(points)
-        span: list[slice] = [slice(0)] * self._system.n_slots
-        for level in slots:
-            column = 0
-            for slot in level:
-                span[slot] = slice(column, column + self._kind(slot).rigid.shape[1])
-                column = span[slot].stop
-                self._add_slot(levels, slot, span[slot], points.start, rows[slot])
-        return _Chain(law.active, points, rows, levels, slots, span)
-
-    def _ordered(self, active: IntArray, facet: IntArray) -> _Points:
-        """Rows of some facets ordered by level, those shared with the next level last."""
-        system = self._system
-        slot_m = system.slot_of[system.points.block_m[facet]]
-        slot_s = system.slot_of[system.points.block_s[facet]]
-        far = np.iinfo(np.int64).max
-        level_m = np.where(slot_m >= 0, self._level_of[slot_m], far)
-        level_s = np.where(slot_s >= 0, self._level_of[slot_s], far)
-        low, high = np.minimum(level_m, level_s), np.maximum(level_m, level_s)
-        shared = (high != far) & (high > low)
-        order = np.lexsort((active, shared, low))
-        n_levels = int(self._level_of.max()) + 1
-        start = np.searchsorted(low[order], np.arange(n_levels + 1))
-        first_shared = start[1:] - np.bincount(low[shared], minlength=n_levels)[:n_levels]
-        return _Points(order, start.astype(np.int64), first_shared.astype(np.int64))
+        rows = self._chain.rows(facet)
+        of_slots = self._rows(csr_array(law.gradient[rows.order]))
+        levels = self._chain.zeros(rows, self._span)
+        for slot, own in enumerate(of_slots):
+            kind, k = self._kind(slot), int(self._chain.level_of[slot])
+            flexible, felt = own.flexibility(kind.inverse), own.gradient @ kind.rigid
+            # Rows shared with the level below come first.
+            n = int(np.searchsorted(own.points, rows.start[k]))
+            halves = [(k - 1, slice(None, n)), (k, slice(n, None))] if n else [(k, slice(None))]
+            parts = [
+                Part(level, own.points[half] - rows.start[level], felt[half], half)
+                for level, half in halves
+            ]
+            add_block(levels, (k, self._span[slot]), parts, partial(_between, flexible))
+        return _Assembled(law.active, rows, of_slots, levels)
 
     def _rows(self, gradient: csr_array) -> list[_Rows]:
         """Rows of each slot on its free variables, of gradients (n, 3 n_nodes)."""
@@ -327,29 +318,6 @@ class CondensedStep:
             result.append(_Rows(mine, own[mine]))
         return result
 
-    def _levels(self, points: _Points) -> tuple[list[Level], list[list[int]]]:
-        """Levels of zeros, and the slots of each."""
-        slots = [np.flatnonzero(self._level_of == k).tolist() for k in range(points.n_levels)]
-        width = [sum(self._kind(s).rigid.shape[1] for s in level) for level in slots]
-        size = np.diff(points.start)
-        levels = []
-        for k in range(points.n_levels):
-            shared = int(points.start[k + 1] - points.first_shared[k])
-            after = k + 1 < points.n_levels
-            n_next, width_next = (size[k + 1], width[k + 1]) if after else (0, 0)
-            levels.append(
-                Level(
-                    flexibility=np.zeros((size[k], size[k]), order="F"),
-                    motions=np.zeros((size[k], width[k])),
-                    holding=np.zeros((width[k], width[k])),
-                    first_shared=int(size[k]) - shared,
-                    next_flexibility=np.zeros((shared, n_next)),
-                    next_motions=np.zeros((shared, width_next)),
-                    next_holding=np.zeros((width[k], width_next)),
-                )
-            )
-        return levels, slots
-
     def _kind(self, slot: int) -> Flexibility:
         return self._kinds[self._kind_of[slot]]
 
@@ -357,35 +325,31 @@ class CondensedStep:
         self, factored: _Factored, responses: list[FloatArray], value: FloatArray
     ) -> FloatArray:
         """What the rows feel of loads and of prescribed displacements, (n,) [mm]."""
-        felt = np.zeros(len(factored.chain.points.order))
-        for row, response in zip(factored.chain.rows, responses, strict=True):
+        felt = np.zeros(len(factored.chain.rows.order))
+        for row, response in zip(factored.chain.of_slots, responses, strict=True):
             felt[row.points] += row.gradient @ response
         if len(self._system.held.nodes):
             felt += factored.law.gradient @ (self._transform @ value)
         return felt
 
-    def _add_slot(
-        self, levels: list[Level], slot: int, span: slice, start: IntArray, rows: _Rows
-    ) -> None:
-        """Add the flexibility of one block, and its motions in the columns ``span``."""
-        k = int(self._level_of[slot])
-        kind, mine = self._kind(slot), rows.points
-        level = levels[k]
-        flexible = rows.flexibility(kind.inverse)
-        felt = rows.gradient @ kind.rigid
-        # Rows shared with the level below come first.
-        n = int(np.searchsorted(mine, start[k]))
-        here = mine[n:] - start[k]
-        _add(level.flexibility, here, here, flexible[n:, n:])
-        level.motions[here, span] += felt[n:]
-        if not n:
-            return
-        below = levels[k - 1]
-        there = mine[:n] - start[k - 1]
-        shared = there - below.first_shared
-        _add(below.flexibility, there, there, flexible[:n, :n])
-        _add(below.next_flexibility, shared, here, flexible[:n, n:])
-        below.next_motions[shared, span] += felt[:n]
+    def _solved(
+        self, factored: _Factored, felt: FloatArray, motions: list[FloatArray], *, loaded: bool
+    ) -> tuple[FloatArray, list[FloatArray]]:
+        """Forces of all rows, and motions of each slot.
+
+        ``loaded`` says whether the law presses where nothing moves.
+        """
+        forces = np.split(
+            felt + factored.bound.rest if loaded else felt, factored.chain.rows.start[1:-1]
+        )
+        sides = self._chain.sides(forces, motions)
+        if loaded:
+            pairs = zip(sides, factored.bound.motions, strict=True)
+            sides = [(force, motion + more) for (force, motion), more in pairs]
+        solved = factored.factor.solve(sides)
+        level_of = self._chain.level_of.tolist()
+        alpha = [solved[k][1][span] for k, span in zip(level_of, self._span, strict=True)]
+        return factored.law.forces(np.concatenate([q for q, _ in solved]), loaded=loaded), alpha
 
     def _motion(self, slot: int, displacement: FloatArray) -> FloatArray:
         """Rigid part α of a displacement of a slot."""
@@ -461,23 +425,6 @@ class CondensedStep:
 
 
 @dataclass(frozen=True)
-class _Points:
-    """Active contact points in the order of the chain."""
-
-    order: IntArray
-    """Which row comes where, (n,)."""
-    start: IntArray
-    """First point of each level, and the total; (n_levels + 1,)."""
-    first_shared: IntArray
-    """First point of each level that is shared with the next, (n_levels,)."""
-
-    @property
-    def n_levels(self) -> int:
-        """Number of levels."""
-        return len(self.first_shared)
-
-
-@dataclass(frozen=True)
 class _Rows:
     """Active points of a slot on its free variables."""
 
@@ -517,21 +464,20 @@ def _facets(gradient: csr_array) -> Iterator[tuple[IntArray, IntArray, FloatArra
             yield rows[facet], columns[facet[0]], gradient.data[at[facet]]
 
 
+def _between(flexible: FloatArray, one: slice, other: slice) -> FloatArray:
+    return flexible[one, other]
+
+
 @dataclass(frozen=True)
-class _Chain:
-    """The chain of all levels of some rows, without the law of these."""
+class _Assembled:
+    """The levels of some rows, without the law of these."""
 
     active: IntArray
     """Numbers of the rows, (n,)."""
-    points: _Points
-    rows: list[_Rows]
-    """Of each slot."""
+    rows: Rows
+    of_slots: list[_Rows]
     levels: list[Level]
     """Without holding springs."""
-    slots: list[list[int]]
-    """Slots of each level."""
-    span: list[slice]
-    """Columns of each slot among the motions of its level."""
 
     def held(self, holding: float) -> list[Level]:
         """Levels with holding springs [N/mm], to bind a law to; laws of pairs keep the others."""
@@ -547,71 +493,7 @@ class _Chain:
 class _Factored:
     """The chain of one linear problem, eliminated."""
 
-    chain: _Chain
+    chain: _Assembled
     law: PointLaw | PairLaw
     bound: Bound
     factor: ChainFactor
-
-    def solve(
-        self, felt: FloatArray, motion_side: list[FloatArray], *, loaded: bool
-    ) -> tuple[FloatArray, list[FloatArray]]:
-        """Forces of all rows, and motions of each slot.
-
-        ``loaded`` says whether the law presses where nothing moves.
-        """
-        slots, span, start = self.chain.slots, self.chain.span, self.chain.points.start
-        motions_of = [np.concatenate([motion_side[s] for s in level]) for level in slots]
-        force_side = felt
-        if loaded:
-            force_side = felt + self.bound.rest
-            pairs = zip(motions_of, self.bound.motions, strict=True)
-            motions_of = [side + more for side, more in pairs]
-        sides = [
-            (force_side[start[k] : start[k + 1]], motion) for k, motion in enumerate(motions_of)
-        ]
-        solved = self.factor.solve(sides)
-        motions = [np.zeros(0)] * len(span)
-        for (_, alpha), level in zip(solved, slots, strict=True):
-            for slot in level:
-                motions[slot] = alpha[span[slot]]
-        return self.law.forces(np.concatenate([q for q, _ in solved]), loaded=loaded), motions
-
-
-def _add(matrix: FloatArray, rows: IntArray, columns: IntArray, more: FloatArray) -> None:
-    """Add a matrix at some rows and columns, ascending; where these follow each other at once."""
-    runs = [slice(int(at[0]), int(at[-1]) + 1) for at in (rows, columns) if len(at)]
-    if len(runs) == 2 and matrix[runs[0], runs[1]].shape == more.shape:
-        matrix[runs[0], runs[1]] += more
-    else:
-        matrix[np.ix_(rows, columns)] += more
-
-
-def levels_of(system: System) -> IntArray:
-    """Level of each slot: contacts lie within a level or between neighbouring ones.
-
-    The layers of the assembly where they are such levels, else distances from an end of the
-    graph of blocks (the farthest from an arbitrary one).
-    """
-    surfaces = system.points
-    first = surfaces.pair_start[:-1]
-    m = system.slot_of[surfaces.block_m[first]]
-    s = system.slot_of[surfaces.block_s[first]]
-    both = (m >= 0) & (s >= 0)
-    m, s = m[both], s[both]
-    layer = system.assembly.layer[system.blocks]
-    layer = np.unique(layer, return_inverse=True)[1]
-    if not len(m) or np.abs(layer[m] - layer[s]).max() <= 1:
-        return np.asarray(layer, dtype=np.int64)
-    far = int(np.argmax(_distances(0, m, s, system.n_slots)))
-    return _distances(far, m, s, system.n_slots)
-
-
-def _distances(start: int, m: IntArray, s: IntArray, n: int) -> IntArray:
-    """Steps from a slot to every other; parts that are not connected begin anew at zero."""
-    graph = csr_array((np.ones(len(m)), (m, s)), shape=(n, n))
-    distance = np.full(n, np.inf)
-    for seed in [start, *range(n)]:
-        if np.isinf(distance[seed]):
-            near = dijkstra(graph, directed=False, indices=seed, unweighted=True)
-            distance = np.minimum(distance, near)
-    return distance.astype(np.int64)

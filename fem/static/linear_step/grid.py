@@ -17,7 +17,7 @@ are the unknowns, level by level a chain of dense blocks.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import pairwise
 from typing import TypeAlias
 
@@ -26,11 +26,14 @@ from scipy.spatial import cKDTree
 
 from fem.contact.surfaces import MatchedFacets
 from fem.static.linear_step.block_tridiagonal import (
+    Chain,
     Level,
+    Part,
+    Rows,
     UnresistedMotionError,
+    add_block,
     factor_chain,
 )
-from fem.static.linear_step.condensed import levels_of
 from fem.static.linear_step.grid_block import GridBlock, PointFlexibility, grid_block
 from fem.static.linear_step.linearisation import Linearisation, StaticError, UnheldBlocksError
 from fem.static.turning import Turned, TurningNormals
@@ -134,16 +137,7 @@ class GridStep:
                 ]
                 kinds[id(grid)] = PointFlexibility(grid, np.concatenate(alike))
         self._blocks = [kinds[id(grid)] for grid in self._grids]
-        #: Slots of each level, and of each slot its level and its columns among the motions there.
-        self._members = [
-            np.flatnonzero(self._slot_level == k).tolist()
-            for k in range(int(self._slot_level.max()) + 1)
-        ]
-        self._span = {
-            slot: (k, slice(6 * column, 6 * column + 6))
-            for k, slots in enumerate(self._members)
-            for column, slot in enumerate(slots)
-        }
+        self._span = self._chain.spans([6] * len(self._grids))
         units = [self._of_motions(np.tile(one, (len(self._grids), 1))) for one in np.eye(6)]
         self._turning = TurningNormals(system, np.stack(units))
 
@@ -156,14 +150,10 @@ class GridStep:
         rest = np.zeros((system.n_nodes, 3))
         self._reference = surfaces.with_reference_normals.gaps(rest).gradient
         self._n = len(self._weights)
-        self._slot_level = levels_of(system)
+        self._chain = Chain(system)
         n_facets, per_facet = surfaces.weights.shape
-        slots = np.stack([system.slot_of[surfaces.block_m], system.slot_of[surfaces.block_s]])
-        far = np.iinfo(np.int64).max
-        of_side = np.where(slots >= 0, self._slot_level[slots], far)
-        low, high = of_side.min(axis=0), of_side.max(axis=0)
-        self._level = np.repeat(low, per_facet)
-        self._shared = np.repeat((high != far) & (high > low), per_facet)
+        slots, low = self._chain.slots, self._chain.low
+        self._facet: IntArray = np.repeat(np.arange(n_facets), per_facet)
         #: Slots of both blocks of each point, (2, n), and of each joint; -1: a rigid block.
         self._slots: IntArray = np.repeat(slots, per_facet, axis=1)
         self._joint_slots: list[list[int]] = slots[:, surfaces.pair_start[:-1]].T.tolist()
@@ -174,7 +164,7 @@ class GridStep:
         quads = np.split(surfaces.rows, 2, axis=1)
         numbers = np.arange(self._n).reshape(n_facets, per_facet)
         for slot, grid in enumerate(self._grids):
-            tree = cKDTree(grid.positions)
+            tree, parts = cKDTree(grid.positions), self._parts[slot]
             for side in range(2):
                 mine = np.flatnonzero(slots[side] == slot)
                 corners = grid.nodes[quads[side][mine] - system.node_start[slot]]
@@ -186,18 +176,8 @@ class GridStep:
                 for level in np.unique(low[mine]):
                     rows = np.repeat(low[mine] == level, per_facet)
                     points = numbers[mine].ravel()[rows]
-                    self._parts[slot].append(_Part(int(level), points, local[rows], side))
-
-    def _among(self, points: IntArray) -> list[list[_Part]]:
-        """Parts of all slots with the rows of their points among some, (n,), ascending."""
-        row = np.full(self._n, -1, dtype=np.int64)
-        row[points] = np.arange(len(points))
-
-        def kept(part: _Part) -> _Part:
-            rows = row[part.points]
-            return replace(part, points=rows[rows >= 0], local=part.local[rows >= 0])
-
-        return [[kept(part) for part in parts] for parts in self._parts]
+                    parts.append(_Part(int(level), points, local[rows], side))
+            parts.sort(key=lambda part: part.level)
 
     # ---- the linear problem
 
@@ -260,9 +240,9 @@ class GridStep:
         that bend blocks alone, (n_nodes, 3) [N]; overclosures of the points (n,) [mm] and forces on
         the motions (n_slots, 6). It returns the displacements.
         """
-        facets, (stiff, softness) = self._system.points, points
-        levels, members = self._chain(stiff, softness, holding)
-        self._turn(levels, members, turned, stiff)
+        facets, stiff = self._system.points, points[0]
+        rows = self._chain.rows(self._facet[stiff])
+        levels = self._levels(rows, points, turned, holding)
         held = self._held(levels, before)
         try:
             factor = factor_chain(levels)
@@ -275,14 +255,11 @@ class GridStep:
             loaded = self._displacements(load + bending)
             right = rest + facets.gather(self._reference, loaded).ravel()[stiff]
             balance = lever - self._in_motions(load) - held
-            sides = [
-                (right[m], balance[slots].ravel())
-                for m, slots in zip(members, self._members, strict=True)
-            ]
-            forces, motions = np.zeros(self._n), np.zeros_like(held)
-            for k, (result, alpha) in enumerate(factor.solve(sides)):
-                forces[stiff[members[k]]] = result
-                motions[self._members[k]] = alpha.reshape(-1, 6)
+            solved = factor.solve(self._chain.sides(rows.split(right), balance))
+            forces, motions = np.zeros(self._n), np.empty_like(held)
+            forces[stiff] = rows.joined([result for result, _ in solved])
+            for (_, alpha), slots in zip(solved, self._chain.members, strict=True):
+                motions[slots] = alpha.reshape(-1, 6)
             pushed = facets.scatter(self._reference, forces)
             return loaded + self._displacements(pushed) + self._of_motions(motions)
 
@@ -307,77 +284,49 @@ class GridStep:
         little[order] = sums - before[joint] <= _SOFT_SHARE * total[joint]
         return little & (stiffness < self._softest)
 
-    def _chain(
-        self, stiff: IntArray, softness: FloatArray, holding: float
-    ) -> tuple[list[Level], list[IntArray]]:
-        """The chain, and its points: of each level those of its blocks alone, then those shared."""
-        mine = self._among(stiff)
-        level, shared = self._level[stiff], self._shared[stiff]
-        order = np.lexsort((shared, level))
-        starts = np.searchsorted(level[order], np.arange(len(self._members) + 1))
-        members = [order[a:b] for a, b in pairwise(starts)]
-        place = _places(members, len(stiff))
-        levels = []
-        for k, m in enumerate(members):
-            first, after = int((~shared[m]).sum()), k + 1 < len(members)
-            width = 6 * len(self._members[k])
-            n_after = len(members[k + 1]) if after else 0
-            width_after = 6 * len(self._members[k + 1]) if after else 0
-            flexibility = np.zeros((len(m), len(m)), order="F")
-            np.fill_diagonal(flexibility, softness[m])
-            levels.append(
-                Level(
-                    flexibility=flexibility,
-                    motions=np.zeros((len(m), width)),
-                    holding=holding * np.eye(width),
-                    first_shared=first,
-                    next_flexibility=np.zeros((len(m) - first, n_after), order="F"),
-                    next_motions=np.zeros((len(m) - first, width_after)),
-                    next_holding=np.zeros((width, width_after)),
-                )
-            )
-        for slot, parts in enumerate(mine):
+    def _levels(
+        self, rows: Rows, points: tuple[IntArray, FloatArray], turned: Turned, holding: float
+    ) -> list[Level]:
+        """Levels of the rows of some points, each with its softness [mm/N]."""
+        stiff, softness = points
+        levels = self._chain.zeros(rows, self._span)
+        for level, soft in zip(levels, rows.split(softness), strict=True):
+            np.fill_diagonal(level.flexibility, soft)
+            np.fill_diagonal(level.holding, holding)
+        number, within = np.full(self._n, -1), rows.within
+        number[stiff] = np.arange(len(stiff))
+        for block, parts in zip(self._blocks, self._parts, strict=True):
             for part in parts:
-                self._blocks[slot].include(part.local)
-        for k, slots in enumerate(self._members):
-            for slot in slots:
-                span = self._span[slot][1]
-                _add_block(levels, k, self._blocks[slot], span, mine[slot], place)
-        return levels, members
-
-    def _turn(
-        self,
-        levels: list[Level],
-        members: list[IntArray],
-        turned: Turned,
-        stiff: IntArray,
-    ) -> None:
-        """Add to the levels what motions change by turning normals."""
-        place = _places(members, len(stiff))
-        for slot, parts in enumerate(self._among(stiff)):
-            own, span = self._span[slot]
-            for part in parts:
-                level, rows = levels[part.level], place[part.points]
-                change = turned.by_motions[part.side, stiff[part.points]]
-                if part.level == own:
-                    level.motions[rows, span] += change
-                else:
-                    level.next_motions[rows - level.first_shared, span] += change
+                block.include(part.local[number[part.points] >= 0])
+        for slot, block in enumerate(self._blocks):
+            mine = []
+            for part in self._parts[slot]:
+                row = number[part.points]
+                at, row = part.local[row >= 0], row[row >= 0]
+                felt = block.motions[at] + turned.by_motions[part.side, stiff[row]]
+                mine.append(Part(part.level, within[row], felt, at))
+            place = int(self._chain.level_of[slot]), self._span[slot]
+            add_block(levels, place, mine, block.between)
         for slots, stiffness in zip(self._joint_slots, turned.stiffness, strict=True):
-            ends = [(k, self._span[slot]) for k, slot in enumerate(slots) if slot >= 0]
-            for a, (low, lines) in ends:
-                for b, (high, columns) in ends:
+            ends = [
+                (k, int(self._chain.level_of[slot]), self._span[slot])
+                for k, slot in enumerate(slots)
+                if slot >= 0
+            ]
+            for a, low, lines in ends:
+                for b, high, columns in ends:
                     if low == high:
                         levels[low].holding[lines, columns] += stiffness[a, :, b]
                     elif low < high:
                         levels[low].next_holding[lines, columns] += stiffness[a, :, b]
+        return levels
 
     def _held(self, levels: list[Level], motions: FloatArray) -> FloatArray:
         """Product of `Level.holding` of all levels with motions, (n_slots, 6)."""
         result = np.zeros_like(motions)
-        for level, slots in zip(levels, self._members, strict=True):
+        for level, slots in zip(levels, self._chain.members, strict=True):
             result[slots] += (level.holding @ motions[slots].ravel()).reshape(-1, 6)
-        for level, (slots, after) in zip(levels, pairwise(self._members), strict=False):
+        for level, (slots, after) in zip(levels, pairwise(self._chain.members), strict=False):
             result[slots] += (level.next_holding @ motions[after].ravel()).reshape(-1, 6)
             result[after] += (level.next_holding.T @ motions[slots].ravel()).reshape(-1, 6)
         return result
@@ -448,44 +397,3 @@ class GridStep:
     def complete(self, displacement: FloatArray, share: float) -> FloatArray:  # noqa: ARG002
         """Displacements of all nodes: they are there already."""
         return displacement
-
-
-def _add_block(  # noqa: PLR0917
-    levels: list[Level],
-    own: int,
-    block: PointFlexibility,
-    span: slice,
-    parts: list[_Part],
-    place: IntArray,
-) -> None:
-    """Add the responses of a block of a level at its points to forces on them.
-
-    ``span`` are the columns of its motions, ``place`` the row of each point in its level.
-    """
-    for number, part in enumerate(parts):
-        rows, level = place[part.points], levels[part.level]
-        if part.level == own:
-            level.motions[rows, span] += block.motions[part.local]
-        else:
-            level.next_motions[rows - level.first_shared, span] += block.motions[part.local]
-        for other in parts[: number + 1]:
-            flexible = block.between(part.local, other.local)
-            if part.level == other.level:
-                columns = place[other.points]
-                level.flexibility[np.ix_(rows, columns)] += flexible
-                if other is not part:
-                    level.flexibility[np.ix_(columns, rows)] += flexible.T
-                continue
-            lower, upper = sorted((part, other), key=lambda p: p.level)
-            below = levels[lower.level]
-            shared = place[lower.points] - below.first_shared
-            response = flexible if lower is part else flexible.T
-            below.next_flexibility[np.ix_(shared, place[upper.points])] += response
-
-
-def _places(members: list[IntArray], n: int) -> IntArray:
-    """Row of each of n points in its level, (n,)."""
-    place = np.empty(n, dtype=np.int64)
-    for rows in members:
-        place[rows] = np.arange(len(rows))
-    return place
