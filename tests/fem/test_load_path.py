@@ -5,10 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fem import CoulombFriction
+from fem import CoulombFriction, Problem, Static, concrete, solve_static
 from fem.static.path import LOAD_TOLERANCE, load_factors
 from fem.static.solve import MOST_PARTS, StaticOptions, doubled, path_change, static_state
-from tests.support.pressed_pipe import pipe, sheared_column
+from geometry.loads import LoadCase, PressureLoad
+from tests.support.pressed_pipe import column, pipe, sheared_column
 
 TIGHT = StaticOptions(tolerance=1e-10)
 
@@ -123,3 +124,24 @@ def test_what_slid_stays_behind_the_load():
     back = static_state(model, TIGHT, before=[past])
     assert back.displacements[0][0][:, 0].mean() > direct.displacements[0][0][:, 0].mean()
     assert back.frictional_dissipation > direct.frictional_dissipation > 0.0
+
+
+def test_frames_of_a_problem_after_another_begin_at_its_state():
+    """The first is the state of the problem before, the last the answer."""
+    blocks = column()
+    loads = (
+        LoadCase(blocks, "press", (PressureLoad([2], "z+", p),), blocks.fixed)
+        for p in (0.005, 0.01)
+    )
+    past, last = (Problem(blocks, load, concrete) for load in loads)
+    last = replace(last, after=past)
+    frames = []
+    method = Static(mesh="scene", frames=3)
+    found = solve_static(last, method, on_frame=frames.append).details
+    before = static_state(past.deformable, StaticOptions(symmetry=1)).displacements[0]
+    first, *_, end = (frame.displacements[0] for frame in frames)
+    size = np.abs(before).max()
+    # Both are found to a residual of 1e-8; what contact leaves soft moves more.
+    assert np.abs(first - before).max() < 1e-5 * size
+    assert np.abs(end - first).max() > 0.1 * size
+    np.testing.assert_array_equal(end, found.displacements[0])
