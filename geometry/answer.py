@@ -324,52 +324,6 @@ _COLUMNS: dict[str, tuple[tuple[str, ...], str]] = {
 }
 
 
-class Contacts(Lazy[Array], dict[str, Array]):
-    """Arrays of contacts by name, and the same as columns of a table of numbers.
-
-    ``contacts["force"]`` is an array; names and values are those of the columns, such as
-    ``force_x_N``: pandas makes a table of it, which it does of subclasses of dict alone.
-    """
-
-    def __init__(self, arrays: Mapping[str, Array]) -> None:
-        self.arrays = arrays
-        super().__init__(
-            {
-                name + unit: partial(self._column, of, k)
-                for of, (names, unit) in _COLUMNS.items()
-                for k, name in enumerate(names)
-                if of in arrays
-            }
-        )
-
-    def _column(self, name: str, component: int) -> Array:
-        values = self.arrays[name]
-        return values if values.ndim == 1 else values[:, component]
-
-    def __getitem__(self, name: str) -> Array:
-        """Return an array or a column."""
-        return super().__getitem__(name) if name in self._names else self.arrays[name]
-
-    def __contains__(self, name: object) -> bool:
-        """Whether there is such an array or a column; nothing is computed."""
-        return name in self._names or name in self.arrays
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        """Pickle the arrays, all of them computed."""
-        return Contacts, (known(dict(self.arrays)),)
-
-    def _refuse(self, *_: Any) -> Any:
-        """Reject a change: nothing is stored in the dict itself."""
-        raise TypeError("contacts of an answer cannot be changed; expected dict(contacts)")
-
-    __setitem__ = __delitem__ = setdefault = popitem = clear = copy = _refuse
-    pop: Any = _refuse
-    update: Any = _refuse
-    __or__: Any = _refuse
-    __ror__: Any = _refuse
-    __ior__: Any = _refuse
-
-
 def known(values: Mapping[str, Value]) -> Lazy[Value]:
     """Values that are computed already."""
     return Lazy({}, values)
@@ -396,7 +350,7 @@ class Answer:
     that move, largest 1 [-]."""
     arrays: Mapping[str, Array]
     """`points`, `cells`, `block_of_point` and `layer_of_point` by these names."""
-    contacts: Contacts
+    contacts: Lazy[Array]
     """Values of the contact facets by name, each (n_contacts, …), in the order of the assembly's
     `interfaces` for every solver, before the load acts: ``pressure`` [MPa], compression positive,
     ``area`` [mm²], ``blocks`` (n, 2), their ``layer`` (n, 2), the ``facet`` (n, 2) of each in its
@@ -406,7 +360,7 @@ class Answer:
     and of deformable blocks the smallest ``gap`` [mm], positive where the facet is open, and the
     ``slip`` of the second block along the facet, relative to the first, (n, 3) [mm]. Flat patches
     of triangulated blocks have no layer, facet, side and corners. Empty where blocks do not
-    meet. ``pandas.DataFrame(answer.contacts)`` is their table."""
+    meet."""
     reported: Callable[[], Lazy[Any]]
     """Makes `report`."""
     details: Any = None
@@ -488,7 +442,7 @@ class Answer:
         ``fields`` has the units of both by name.
         """
         measures = {name: measure.as_json() for name, measure in self.measures.items()}
-        units = {name: UNITS.get(name, "") for name in (*self.fields, *self.contacts.arrays)}
+        units = {name: UNITS.get(name, "") for name in (*self.fields, *self.contacts)}
         head = {"title": self.title, "method": self.method, **self.report, "measures": measures}
         return head | {"rows": self.table.as_json(), "fields": units}
 
@@ -531,6 +485,19 @@ class Answer:
             )
         return self.cut(planes(point, normal, blocks=blocks))
 
+    def contact_table(self) -> dict[str, Array]:
+        """Return numbers of the contacts as columns, such as ``force_x_N``, a row each contact.
+
+        ``pandas.DataFrame(answer.contact_table())`` is their table.
+        """
+        return {
+            name + unit: values if values.ndim == 1 else values[:, k]
+            for of, (names, unit) in _COLUMNS.items()
+            if of in self.contacts
+            for values in (self.contacts[of],)
+            for k, name in enumerate(names)
+        }
+
     def mesh(self) -> pv.UnstructuredGrid:
         """Blocks before the load acts as a pyvista mesh, with every field, block and layer.
 
@@ -549,7 +516,7 @@ class Answer:
         """Contact facets as a pyvista mesh, with pressure, area, blocks, layers and normals."""
         import pyvista as pv
 
-        result = self.contacts.arrays
+        result = self.contacts
         if "corners" in result:
             n, per_facet = result["corners"].shape[:2]
             faces = np.arange(n * per_facet).reshape(n, per_facet)
@@ -570,7 +537,7 @@ class Answer:
         """
         kept = {"title": self.title, "method": self.method, "measures": known(dict(self.measures))}
         arrays = known(dict.fromkeys(self.arrays, np.zeros(0)))
-        nothing = {"arrays": arrays, "fields": {}, "contacts": Contacts({})}
+        nothing = {"arrays": arrays, "fields": {}, "contacts": known({})}
         return restored({**kept, **nothing}, dict(self.report), self.table.rows)
 
     def __reduce__(self) -> tuple[Any, ...]:

@@ -12,7 +12,6 @@ import numpy as np
 from geometry.answer import (
     Answer,
     Array,
-    Contacts,
     Lazy,
     Measure,
     interface_contacts,
@@ -174,7 +173,7 @@ def _answer(stated: RigidStatement, result: RigidResult) -> Answer:
         )
     moves = cast("DrivenMotion | None", result.parts.get("motion"))
     first = f"; {moves.first}" if moves else ""
-    contacts = Contacts(Lazy(_contacts(result) if result.holds else {}))
+    contacts = Lazy(_contacts(result) if result.holds else {})
     return Answer(
         title=f"{assembly.name}: rigid blocks, {result.words}{first}",
         method="rigid",
@@ -206,7 +205,7 @@ def _paper(result: RigidResult) -> Measures | None:
 
 
 def _measures(
-    result: RigidResult, contacts: Contacts, strength: float | None
+    result: RigidResult, contacts: Lazy[Array], strength: float | None
 ) -> dict[str, Measure]:
     """Pressures, joint forces and reaction; none where nothing balances the load."""
     pressed, paper = result.forces.any(), _paper(result)

@@ -28,7 +28,6 @@ from fem.system.contact_state import ContactMeasures
 from fem.system.reactions import PushCurve
 from geometry.answer import (
     Array,
-    Contacts,
     Lazy,
     Measure,
     facet_sides,
@@ -166,15 +165,15 @@ def contact_on(state: State, facets: tuple[Assembly, FloatArray] | None = None) 
     return replace(result, **shared, per_block=per_block)
 
 
-def contacts_of(state: State, facets: tuple[Assembly, FloatArray] | None = None) -> Contacts:
+def contacts_of(state: State, facets: tuple[Assembly, FloatArray] | None = None) -> Lazy[Array]:
     """Contact facets of a state (`Answer.contacts`), or of other facets where these are given.
 
     They come in the order of the interfaces that they are. Facets that a search found are none:
     they come in the order of their blocks and of the facets of the second one.
     """
     if facets is not None:
-        return Contacts(Lazy(_interfaces_of(*facets)))
-    return Contacts(Lazy(_facets_of(state) if state.deformable.meets else {}))
+        return Lazy(_interfaces_of(*facets))
+    return Lazy(_facets_of(state) if state.deformable.meets else {})
 
 
 def _facets_of(state: State) -> dict[str, Callable[[], Array]]:

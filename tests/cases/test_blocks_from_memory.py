@@ -138,7 +138,7 @@ def test_meshes_in_memory_give_the_answer_of_their_file(seed: int, tmp_path: Pat
         k: m.as_json() for k, m in there.measures.items()
     }
     assert list(here.contacts) == list(there.contacts)
-    for name, values in here.contacts.arrays.items():
+    for name, values in here.contacts.items():
         np.testing.assert_array_equal(values, there.contacts[name])
 
 

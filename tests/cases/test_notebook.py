@@ -129,7 +129,6 @@ def test_answers_are_written_and_read(answers, tmp_path: Path) -> None:
         for found, kept in (
             (answer.fields, again.fields),
             (answer.contacts, again.contacts),
-            (answer.contacts.arrays, again.contacts.arrays),
         ):
             assert list(found) == list(kept)
             assert all(np.array_equal(found[name], kept[name]) for name in found)
@@ -146,8 +145,7 @@ def test_contacts_are_a_table_of_numbers(answers) -> None:
     pandas = pytest.importorskip("pandas")
     for answer in answers:
         contacts = answer.contacts
-        table = pandas.DataFrame(contacts)
-        assert list(table) == list(contacts)
+        table = pandas.DataFrame(answer.contact_table())
         assert len(table) == len(contacts["pressure"])
         assert all(kind.kind in "if" for kind in table.dtypes)
         vectors = ("centroid_{}_mm", "normal_{}", "force_{}_N")
@@ -158,8 +156,8 @@ def test_contacts_are_a_table_of_numbers(answers) -> None:
         np.testing.assert_array_equal(table[["block_m", "block_s"]], contacts["blocks"])
         np.testing.assert_array_equal(table["pressure_MPa"], contacts["pressure"])
         np.testing.assert_array_equal(table["area_mm2"], contacts["area"])
-        with pytest.raises(TypeError, match="cannot be changed"):
-            contacts["pressure"] = 0.0
+        with pytest.raises(ValueError, match="read-only"):
+            contacts["pressure"][:] = 0.0
 
 
 @pytest.mark.parametrize("field", ["sigma_1", "mises", "displacement", "pressure", "area"])

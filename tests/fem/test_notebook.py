@@ -161,7 +161,7 @@ def test_an_answer_goes_to_another_process_and_back(static) -> None:
     assert again.as_dict() == json.loads(json.dumps(static.as_dict()))
     for name in static.fields:
         assert np.array_equal(again.fields[name], static.fields[name])
-    for name in static.contacts.arrays:
+    for name in static.contacts:
         assert np.array_equal(again.contacts[name], static.contacts[name])
     assert again.mesh().n_points == static.mesh().n_points
     assert not again.fields["displacement"].flags.writeable

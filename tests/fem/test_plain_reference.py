@@ -52,7 +52,7 @@ def _agree(problem: Problem, plain: PlainState, method: Static) -> None:
     assert away <= AGREES * np.abs(expected).max()
     area = plain_arrays(problem).points.area
     pressures = (area * plain.tractions[..., 0]).sum(axis=1) / area.sum(axis=1)
-    there = answer.contacts["pressure_MPa"]
+    there = answer.contacts["pressure"]
     np.testing.assert_allclose(there, pressures, rtol=0.0, atol=STOPS * pressures.max())
 
 

@@ -11,7 +11,7 @@ from zipfile import BadZipFile
 
 import numpy as np
 
-from geometry.answer import Answer, Contacts, Measure, known, restored
+from geometry.answer import Answer, Measure, known, restored
 from geometry.errors import unreadable
 from geometry.files.mesh_io import write_cells
 from geometry.machine.system import write_whole
@@ -81,7 +81,7 @@ def answer_files(
 def _write_arrays(answer: Answer, path: Path) -> None:
     arrays: dict[str, Any] = dict(answer.arrays)
     arrays |= {f"field {name}": values for name, values in answer.fields.items()}
-    arrays |= {f"contact {name}": values for name, values in answer.contacts.arrays.items()}
+    arrays |= {f"contact {name}": values for name, values in answer.contacts.items()}
     with path.open("wb") as file:
         np.savez(file, **arrays)
 
@@ -158,7 +158,7 @@ def answer_of_data(data: Mapping[str, Any], arrays: Mapping[str, Any] | None = N
         "method": data["method"],
         "measures": known(measures),
         "fields": known(_named(stored, "field ")),
-        "contacts": Contacts(known(_named(stored, "contact "))),
+        "contacts": known(_named(stored, "contact ")),
         "arrays": known({name: stored[name] for name in _ARRAYS}),
     }
     return restored(kept, report, [Row(**row) for row in data["rows"]])

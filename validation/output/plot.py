@@ -69,7 +69,7 @@ def _of_contacts(answer: Answer, field: str, layer: int | None) -> tuple[FloatAr
 
 def _of_facets(answer: Answer) -> list[str]:
     """Numbers of contact facets, and vectors that have a size."""
-    result = answer.contacts.arrays
+    result = answer.contacts
     return [name for name in result if result[name].ndim == 1 or name in {"force", "slip"}]
 
 

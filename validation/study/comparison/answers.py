@@ -106,7 +106,7 @@ class ComparedAnswers:
     @cached_property
     def contacts(self) -> dict[str, Array]:
         """The shared facets as the first answer has them, without pressures."""
-        result = self.answers[0].contacts.arrays
+        result = self.answers[0].contacts
         return {
             n: result[n][self.places[0]]
             for n in result
