@@ -184,6 +184,7 @@ def watch(out: Path, words: list[str]) -> None:
     sys.monitoring.register_callback(sys.monitoring.COVERAGE_ID, line, plugin.line)
     sys.monitoring.set_events(sys.monitoring.COVERAGE_ID, line)
     pytest.main(["-q", "-p", "no:cacheprovider", *words], plugins=[plugin])
+    sys.monitoring.set_events(sys.monitoring.COVERAGE_ID, 0)
     passed = {name: seen for name, seen in plugin.tests.items() if name not in plugin.failed}
     out.write_text(json.dumps(passed))
 

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+from geometry.families.masonry import voussoir
 from geometry.files.named_surfaces import by_corners
+from geometry.mesh import BoolArray, FloatArray, IntArray
 from geometry.parts.placed import AssemblyError
 from geometry.polyhedra.assembly import PolyhedralAssembly, polyhedral_assembly
 from geometry.polyhedra.overlap import (
@@ -16,7 +20,8 @@ from geometry.polyhedra.overlap import (
     penetration,
 )
 from geometry.polyhedra.polygons import surface_of_polygons
-from geometry.polyhedra.polyhedron import polyhedron
+from geometry.polyhedra.polyhedron import Polyhedron, polyhedron
+from tests.support.blocks import random_rotation
 from tests.support.drawn_blocks import Drawn, arch, cuboid, triangles_of
 
 pytestmark = pytest.mark.quick
@@ -149,3 +154,43 @@ def test_a_dovetail_that_is_too_wide_is_not_as_deep_as_it_is_long() -> None:
     # A flank is 0.2 mm too far out, and leans by arctan 0.4.
     overlap = _only(_assembly(blocks, None))
     assert overlap.depth == pytest.approx(0.2, rel=0.2)
+
+
+class _Round:
+    """Exact faces of a voussoir: those of its triangles whose corners lie on one circle."""
+
+    def __init__(self, drawn: Polyhedron, middle: float) -> None:
+        radii = np.linalg.norm(drawn.points[drawn.triangles][..., [0, 2]], axis=-1)
+        self.extent = drawn.volume, drawn.centroid
+        self._curved = np.ptp(radii, axis=1) < 1e-9
+        self._radius, self._outward = radii[:, 0], np.sign(radii[:, 0] - middle)
+
+    def on(self, points: FloatArray, triangles: IntArray) -> tuple[FloatArray, FloatArray]:
+        away = points * [1.0, 0.0, 1.0]
+        away /= np.linalg.norm(away, axis=1, keepdims=True)
+        foot = self._radius[triangles, None] * away + points * [0.0, 1.0, 0.0]
+        return foot, self._outward[triangles, None] * away
+
+    def together(self, triangles: IntArray) -> BoolArray:
+        same = np.ptp(self._radius[triangles], axis=1) < 1e-9
+        return np.asarray(self._curved[triangles].all(axis=1) & same)
+
+    def curved(self, triangles: IntArray) -> BoolArray:
+        return np.asarray(self._curved[triangles])
+
+
+@pytest.mark.parametrize("step", [1, -1], ids=["outer first", "inner first"])
+@pytest.mark.parametrize("depth", [0.0, 2.0])
+def test_round_blocks_are_as_deep_as_they_are_pushed_whatever_facets_draw_them(depth, step) -> None:
+    """One ring in another: facets are up to 14 mm in each other where they only touch."""
+    outer = voussoir(1050.0, 100.0, 300.0, 1.0, pieces=3)
+    inner = voussoir(950.0, 100.0, 300.0, 1.0, pieces=4)
+    shapes = [replace(b, exact=_Round(b, r)) for b, r in ((outer, 1050.0), (inner, 950.0))]
+    # Away from the origin, turned; the inner one is pushed outward at half of its angle.
+    turn, where = random_rotation(3), np.array([3000.0, -200.0, 700.0])
+    push = turn @ [depth * np.cos(0.5), 0.0, depth * np.sin(0.5)]
+    placed = [(shapes[0], turn, where), (shapes[1], turn, where + push)]
+    rings = polyhedral_assembly("rings", placed[::step], np.arange(2) == 0)
+    found = find_overlaps(rings, 0.1)
+    # At that angle corners of the inner one are: no point is deeper.
+    assert [overlap.depth for overlap in found] == pytest.approx([depth] if depth else [], abs=1e-6)

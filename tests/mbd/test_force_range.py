@@ -208,3 +208,15 @@ def test_scene_answers_with_ranges_and_sliding(tmp_path: Path) -> None:
     assert sliding["factor"] <= collapse["factor"] * (1 + 1e-6)
     assert sliding["associated_factor"] == pytest.approx(collapse["factor"], rel=1e-6)
     assert np.asarray(sliding["mechanism"]).shape == (5, 6)
+
+
+@pytest.mark.parametrize("wide", range(4))
+def test_words_count_the_joints_that_have_a_range(wide: int) -> None:
+    least, ends = np.ones(3), np.arange(3)
+    largest = least + 0.5 * (ends < wide)
+    found = ForceRanges(ends, ends + 1, least, largest, shown=least, load=1.0)
+    assert found.as_json()["undetermined"] == wide
+    (row,) = found.rows
+    words = f"indeterminate in {wide} of 3 joints" if wide else "determinate of 3 joints"
+    assert f"statically {words}" in str(row)
+    assert ("minimum 1 N" in str(row)) == (wide > 0)
