@@ -35,6 +35,8 @@ ROOMS = ("geometry", "mbd", "fem")
 LEFT_OUT = ("geometry/compilation/", "geometry/files/", "fem/decks/read/")
 #: No results: what work costs, how it is stopped.
 NO_RESULTS = "geometry/machine/"
+#: In place of a test: what is run while modules are read.
+READ = "read"
 #: What tests of one change may take with it [s].
 LIMIT = 300.0
 SWAPS: dict[type, tuple[type, ...]] = {
@@ -159,17 +161,23 @@ class Lines:
 
     @pytest.hookimpl(wrapper=True)
     def pytest_runtest_protocol(self, item: pytest.Item) -> Iterator[None]:
+        if READ not in self.tests:
+            self.keep(READ, 0.0, self.seen)
         self.seen.clear()
         sys.monitoring.restart_events()
         start = time.process_time()
         result = yield
         fixtures = item._fixtureinfo.name2fixturedefs.values()
         of_fixtures = (self.shared.get(f, set()) for several in fixtures for f in several)
-        kept: dict[str, list[int]] = defaultdict(list)
-        for file, number in self.seen.union(*of_fixtures):
-            kept[file[len(self.top) :]].append(number)
-        self.tests[item.nodeid] = {"seconds": time.process_time() - start, "lines": kept}
+        spent = time.process_time() - start
+        self.keep(item.nodeid, spent, self.seen.union(*of_fixtures))
         return result
+
+    def keep(self, test: str, seconds: float, seen: set[tuple[str, int]]) -> None:
+        lines: dict[str, list[int]] = defaultdict(list)
+        for file, number in seen:
+            lines[file[len(self.top) :]].append(number)
+        self.tests[test] = {"seconds": seconds, "lines": lines}
 
     def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
         if report.failed:
@@ -218,9 +226,12 @@ class Related:
         self.text = {name: f.read_text("utf-8").splitlines() for name, f in files.items()}
 
     def of(self, file: str, lines: range) -> set[str]:
-        """Tests that run lines; of what is run once or compiled, those that run what names it."""
+        """Tests that run lines; of what is read or compiled once, those that run what names it."""
         holder, inside = self.holder(file, lines.start)
         found = {test for n in lines for test in self.by_line[file, n]}
+        if READ not in found and not any(line.startswith("from numba") for line in self.text[file]):
+            return found
+        found -= {READ}
         known = {(file, holder)}
         level = [] if (inside and found) or not holder else [holder]
         while level and len(known) < 40:
@@ -239,10 +250,7 @@ class Related:
                 return found
             level = [name for other, name, inside in users if name and (other, name) not in known]
             known |= {(other, name) for other, name, _ in users}
-        # What is run when a module is read alone.
-        return found or {
-            test for (name, _), of in self.by_line.items() if name == file for test in of
-        }
+        return found or set().union(*(of for (name, _), of in self.by_line.items() if name == file))
 
     def holder(self, file: str, line: int) -> tuple[str, bool]:
         """Name that a module gives to what holds a line, and whether calls run the line."""
