@@ -54,8 +54,6 @@ _SECTIONS = {"rigid": ("block", "assembly"), "fem": ("block", "assembly", "mater
 _RIGID_MATERIAL = ("compressive_strength",)
 #: Numbers of [material] that no static answer depends on.
 _NOT_STATIC = ("density",)
-#: Steps of values that small steps cannot change, the first that makes a tube.
-_WHOLE_STEPS = (0.5, 1.0)
 #: A place has moved by more than this part of its radius or a block's size [-].
 _MOVED = 0.05
 #: Elasticity that an axis of a picture shows at least, to both sides [-].
@@ -163,35 +161,25 @@ class Sensitivity:
         having = [s for s in result if not math.isnan(s.elasticity)]
         return [*sorted(having, key=lambda s: -abs(s.elasticity)), *without]
 
+    @property
+    def rows(self) -> list[dict[str, Any]]:
+        """One for each slope by the names of its fields; numbers that are none are None."""
+        both = ("elasticity", "elasticity_error")
+        rows = [asdict(s) | {name: getattr(s, name) for name in both} for s in self.slopes]
+        numbers = ("error", *both)
+        for row in rows:
+            row |= {name: None for name in numbers if not math.isfinite(row[name])}
+        return rows
+
     def write(self, path: Path) -> None:
         """Write all numbers as CSV."""
-        rows = [
-            (*asdict(slope).values(), slope.elasticity, slope.elasticity_error)
-            for slope in self.slopes
-        ]
         heads = (*Slope.__dataclass_fields__, "elasticity", "elasticity_error")
-        write_csv(path, heads, rows)
+        write_csv(path, heads, (row.values() for row in self.rows))
 
     def as_json(self) -> dict[str, Any]:
         """Plain data."""
-
-        def number(value: float) -> float | None:
-            return value if math.isfinite(value) else None
-
-        return {
-            "scene": self.name,
-            "method": self.method,
-            "slopes": [
-                asdict(s)
-                | {
-                    "error": number(s.error),
-                    "elasticity": number(s.elasticity),
-                    "elasticity_error": number(s.elasticity_error),
-                }
-                for s in self.slopes
-            ],
-            "failed": dict(self.failed),
-        }
+        failed = dict(self.failed)
+        return {"scene": self.name, "method": self.method, "slopes": self.rows, "failed": failed}
 
     def draw(self, path: str | Path) -> None:
         """Draw a tornado of elasticities for each measure, with error bars."""
@@ -286,7 +274,8 @@ def sensitivity_of(
     chosen = _numbers_of(file, method) if parameters is None else parameters
     values = {path: _number(file, path) for path in chosen}
     nearby = _Nearby(file, method, store, workers, tell or (lambda _: None))
-    nearby.compute([_BASE, *(p for item in values.items() for p in _first_points(*item, step))])
+    first = [(path, value, *_steps(value, step)[0]) for path, value in values.items()]
+    nearby.compute([_BASE, *(point for one in first for point in _points(*one).values())])
     base = nearby.values(_BASE)
     slopes, failed = list[Slope](), dict[str, str]()
     for path, value in values.items():
@@ -306,18 +295,20 @@ _MESHES, _COARSE = 2, 1
 _BASE: Point = ("", 0.0, _MESHES)
 
 
-def _small(value: float, share: float) -> float:
-    """Small step of a real value."""
-    return share * abs(value) if value else share
-
-
-def _first_points(path: str, value: float, share: float) -> list[Point]:
-    """Answers that the derivative by a number needs, where none of them is refused."""
+def _steps(value: float, share: float) -> list[tuple[float, bool]]:
+    """Steps of a number, the first that can be answered counts, and whether each is small."""
     if isinstance(value, int):
-        return [(path, value + sign, _MESHES) for sign in (-1, 1)]
-    step = _small(value, share)
-    near = [(path, value + sign * step, _MESHES) for sign in (-1, 1)]
-    return [*near, *((path, value + 2 * sign * step, _COARSE) for sign in (-1, 1))]
+        return [(1, False)]
+    return [(share * abs(value) if value else share, True), (0.5, False), (1.0, False)]
+
+
+def _points(path: str, value: float, step: float, small: bool) -> dict[int, Point]:
+    """Answers that a derivative needs, by the number of steps; the double ones on the coarse mesh.
+
+    Small steps alone have double ones.
+    """
+    meshes = {-1: _MESHES, 1: _MESHES} | ({-2: _COARSE, 2: _COARSE} if small else {})
+    return {k: (path, value + k * step, meshes[k]) for k in meshes}
 
 
 @dataclass(frozen=True)
@@ -477,7 +468,7 @@ class _Parameter:
         A measure that jumps has an infinite error.
         """
         of = self.base[-1][name]
-        known = (self.path, self.value, self.unit, step, name, of.value, of.unit)
+        known = (self.path, self.value, self.unit, float(step), name, of.value, of.unit)
         if max(abs(derivative), error) <= _NOTHING * abs(of.value) / step:
             return Slope(*known, 0.0, 0.0, "no change")
         if error <= abs(derivative):
@@ -493,50 +484,51 @@ def _why_none(error: float) -> str:
 
 
 def _slopes(of: _Parameter, share: float, nearby: _Nearby) -> list[Slope]:
-    """Derivatives with respect to one parameter."""
-    steps: tuple[float, ...] = (1.0,)
+    """Derivatives with respect to one parameter, by its first step that can be answered.
+
+    Of a whole step one side is enough.
+    """
     why: RefusedError | None = None
-    if not isinstance(of.value, int):
-        try:
-            return _of_small_step(of, _small(of.value, share), nearby)
-        except RefusedError as error:
-            steps, why = _WHOLE_STEPS, error
-    for step in steps:
-        sides: list[list[Values] | None] = []
-        for sign in (-1, 1):
+    for step, small in _steps(of.value, share):
+        sides: dict[int, list[Values]] = {}
+        for k, point in _points(of.path, of.value, step, small).items():
             try:
-                sides.append(nearby.values((of.path, of.value + sign * step, _MESHES)))
+                sides[k] = nearby.values(point)
             except RefusedError as error:
-                sides.append(None)
                 why = why or error
-        if any(sides):
-            return _of_whole_step(of, step, sides)
+        if len(sides) == 4 or (sides and not small):
+            return [_slope(of, name, step, sides) for name in _common(of.base, *sides.values())]
     raise why or InputError(f"{of.path}: no step makes a tube")
 
 
-def _of_small_step(of: _Parameter, step: float, nearby: _Nearby) -> list[Slope]:
-    """Central quotients; the double step, on the coarsest mesh, bounds what the step leaves out."""
-    value, base = of.value, of.base
-    low, high = (nearby.values((of.path, value + sign * step, _MESHES)) for sign in (-1, 1))
-    (low2,), (high2,) = (
-        nearby.values((of.path, value + 2 * sign * step, _COARSE)) for sign in (-1, 1)
-    )
-    result = []
-    for name in _common(base, low, high):
-        quotients = [
-            (b[name].value - a[name].value) / (2 * step) for a, b in zip(low, high, strict=True)
-        ]
-        if name not in low2 or name not in high2:
-            continue
-        double = (high2[name].value - low2[name].value) / (4 * step)
-        size = abs(base[-1][name].value)
-        error = abs(quotients[0] - double) + abs(quotients[-1] - quotients[0])
-        error += _ROUNDING * size / step
-        coarse = (side[name].value for side in (low2, low[0], base[0], high[0], high2))
-        error += _roughness(*coarse, step=step)
-        remark = _moved(name, low[-1], base[-1], high[-1])
-        result.append(of.slope(name, step, quotients[-1], error, remark))
-    return result
+def _slope(of: _Parameter, name: str, step: float, sides: Mapping[int, list[Values]]) -> Slope:
+    """Derivative of one measure from its answers, by the number of steps."""
+    answers = {0: of.base, **sides}
+    value = {k: [mesh[name].value for mesh in answers[k]] for k in answers}
+    near = [answers[k][-1] for k in (-1, 0, 1) if k in answers]
+    remark = _moved(name, *near)
+    if 2 in value:
+        derivative, error = _of_small_step(value, step)
+        return of.slope(name, step, derivative, error, remark)
+    both = [(value[k][-1] - value[0][-1]) / (k * step) for k in (-1, 1) if k in value]
+    if len(both) == 1:
+        one = "upward" if 1 in value else "downward"
+        remark = "; ".join(filter(None, (f"a step {one} alone", remark)))
+    error = abs(both[-1] - both[0]) / 2 if len(both) == 2 else abs(both[0])
+    return of.slope(name, step, sum(both) / len(both), error, remark)
+
+
+def _of_small_step(value: Mapping[int, list[float]], step: float) -> tuple[float, float]:
+    """Central quotient and its error, of values by the number of steps, from coarse to fine.
+
+    The double step, on the coarsest mesh, bounds what the step leaves out.
+    """
+    pairs = zip(value[-1], value[1], strict=True)
+    quotients = [(high - low) / (2 * step) for low, high in pairs]
+    double = (value[2][0] - value[-2][0]) / (4 * step)
+    error = abs(quotients[0] - double) + abs(quotients[-1] - quotients[0])
+    error += _ROUNDING * abs(value[0][-1]) / step
+    return quotients[-1], error + _roughness(*(value[k][0] for k in range(-2, 3)), step=step)
 
 
 def _roughness(
@@ -552,28 +544,6 @@ def _roughness(
     if one <= _SMOOTH * double + _NOTHING * abs(middle) / step:
         return 0.0
     return math.inf if one > max(_JUMP * double, slope) else 0.5 * one
-
-
-def _of_whole_step(of: _Parameter, step: float, sides: list[list[Values] | None]) -> list[Slope]:
-    """Quotients of whole steps, of one side where the other has no answer."""
-    low, high = sides
-    base = of.base
-    result = []
-    for name in _common(base, *(side for side in sides if side is not None)):
-        middle = base[-1][name].value
-        both = []
-        if low is not None:
-            both.append((middle - low[-1][name].value) / step)
-        if high is not None:
-            both.append((high[-1][name].value - middle) / step)
-        remark = _moved(name, *(side[-1] for side in (low, base, high) if side is not None))
-        if len(both) == 1:
-            one = "upward" if low is None else "downward"
-            remark = "; ".join(filter(None, (f"a step {one} alone", remark)))
-        error = abs(both[-1] - both[0]) / 2 if len(both) == 2 else abs(both[0])
-        derivative = sum(both) / len(both)
-        result.append(of.slope(name, step, derivative, error, remark))
-    return result
 
 
 def _common(*answers: list[Values]) -> list[str]:
