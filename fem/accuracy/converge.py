@@ -28,6 +28,7 @@ from fem.accuracy.one_mesh import stick_change
 from fem.accuracy.parts import Accuracy, Meshes, MeshFacets
 from fem.accuracy.transfer import transferred
 from fem.answer.measures import load_step_change, measures_of
+from fem.answer.motion import large_motion
 from fem.problem import Problem
 from fem.state import State
 from fem.static.linear_step.linearisation import StaticError
@@ -452,7 +453,7 @@ def _beyond(
     need two meshes: the second is begun as long as any CPU time is left. The ``widest`` bar over
     that sought falls as the fineness grows.
     """
-    if last.state.large_motion is not None:
+    if large_motion(last.state) is not None:
         return None, "the large motion, which no mesh of small motions describes"
     bound = _OUT_OF_REACH * fineness(stated) / last.numbers.fineness
     if number > _FOURTH and widest > bound:
@@ -475,7 +476,7 @@ def _too_far(last: Solved) -> dict[str, str]:
     """Say why means over facets are none: blocks moved far, one is above the largest pressure."""
     both = [last.measures[n].value for n in ("p_max_facet", "p_max_point") if n in last.measures]
     above = len(both) > 1 and both[0] > both[1]
-    return dict.fromkeys(OF_FACETS, TOO_FAR) if above and last.state.large_motion else {}
+    return dict.fromkeys(OF_FACETS, TOO_FAR) if above and large_motion(last.state) else {}
 
 
 def _widest(told: Mapping[str, Measure], targets: Mapping[str, float]) -> float:

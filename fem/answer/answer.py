@@ -9,16 +9,29 @@ from typing import Any
 
 import numpy as np
 
+from fem.answer.energies import energies_of, energy_balance, released_at_start
+from fem.answer.forces import imbalance_of, joints_of, push_curves_of, reactions_of
 from fem.answer.measures import contact_on, contacts_of, measures_of
+from fem.answer.motion import (
+    large_motion,
+    quasi_static,
+    reached,
+    slip,
+    unrestrained_blocks,
+)
+from fem.answer.pressures import cap_action
 from fem.answer.rows import state_rows
 from fem.contact.normals import ContactNormals
 from fem.element.stress import von_mises
 from fem.problem import Problem
 from fem.state import State
 from fem.static.linear_step.linearisation import StaticError
+from fem.stresses.peaks import nodal_stress_range
+from fem.stresses.recovery import recovered_of
+from fem.stresses.sections import section_forces
 from geometry.answer import Answer, Array, Lazy, Measure, known
 from geometry.assembly import Assembly
-from geometry.mesh import FloatArray
+from geometry.mesh import FloatArray, IntArray
 from geometry.parts.dimensions import Built, dimensions
 from geometry.parts.rows import Part
 
@@ -75,8 +88,8 @@ def answer_of(
         fields=_fields(state),
         arrays=Lazy(
             {
-                "points": lambda: state.positions,
-                "cells": lambda: state.hexahedra,
+                "points": lambda: _positions(state),
+                "cells": lambda: _hexahedra(state),
                 "block_of_point": lambda: state.deformable.block_of_node,
                 "layer_of_point": lambda: layer[state.deformable.block_of_node],
             }
@@ -85,7 +98,7 @@ def answer_of(
         reported=lambda: known(report_of(state, facets, sought=sought) | dict(beside or {})),
         details=state,
         problem=problem,
-        cut=state.sections,
+        cut=partial(section_forces, state),
         parts={**(parts or {}), "dimensions": built},
         tabled=partial(state_rows, facets=facets),
     )
@@ -103,7 +116,7 @@ def require_balance(state: State) -> None:
     whole = state.deformable
     if state.run is not None or not whole.meets or whole.assembly.image_of is not None:
         return
-    left = state.imbalance
+    left = imbalance_of(state)
     most = max(_BALANCED, _OVER_RESIDUAL * state.evidence.residuals[-1])
     if not left.largest <= most:
         raise StaticError(
@@ -123,16 +136,35 @@ def _fields(state: State) -> Lazy[Array]:
     """Nodal fields of all blocks."""
 
     def principal() -> FloatArray:
-        return np.concatenate([r.principal.reshape(-1, 3) for r in state.recovered])
+        return np.concatenate([r.principal.reshape(-1, 3) for r in recovered_of(state)])
+
+    def stress() -> FloatArray:
+        return np.concatenate([r.stress.reshape(-1, 6) for r in recovered_of(state)])
 
     return Lazy(
         {
             "displacement": lambda: state.nodal_displacements,
-            "stress": lambda: np.concatenate([r.stress.reshape(-1, 6) for r in state.recovered]),
+            "stress": stress,
             "principal_stress": principal,
             "mises": lambda: von_mises(principal()),
         }
     )
+
+
+def _positions(state: State) -> FloatArray:
+    """Of all nodes before the load acts, (n_nodes, 3) [mm]."""
+    groups = state.deformable.bodies
+    return np.concatenate([g.reference_positions().reshape(-1, 3) for g in groups])
+
+
+def _hexahedra(state: State) -> IntArray:
+    """Corner nodes of all elements, (n_elements, 8)."""
+    elements, first = [], 0
+    for group in state.deformable.bodies:
+        starts = first + group.n_nodes * np.arange(group.n_copies)
+        elements.append((group.mesh.elements[None] + starts[:, None, None]).reshape(-1, 8))
+        first += group.n_nodes * group.n_copies
+    return np.concatenate(elements)
 
 
 # ---------------------------------------------------------------------------------------------
@@ -147,7 +179,8 @@ def report_of(
     ``sought``: whether finite sliding is stated, so that contact is searched for whatever the mesh.
     """
     result = state.deformable
-    least, largest = state.nodal_stress_range
+    large = large_motion(state)
+    least, largest = nodal_stress_range(state)
     if result.meets:
         contact = contact_report(state, facets) | {"contact_search": _search_words(state, sought)}
     else:
@@ -159,7 +192,7 @@ def report_of(
         "max_displacement": state.largest_displacement,
         "principal_stress": {"max": float(largest), "min": float(least)},
         "assumptions": assumptions(state),
-        **({"large_motion": state.large_motion} if state.large_motion else {}),
+        **({"large_motion": large} if large else {}),
         **contact,
         **_support_report(state),
         **_static_report(state),
@@ -206,15 +239,15 @@ def contact_report(
     state: State, facets: tuple[Assembly, FloatArray] | None = None
 ) -> dict[str, Any]:
     """Entries of contact: only for blocks that touch."""
-    result = vars(contact_on(state, facets))
+    result, cap = vars(contact_on(state, facets)), cap_action(state)
     numbers = {name: value for name, value in result.items() if name != "per_block"}
     return {
-        "slip": state.slip,
+        "slip": slip(state),
         "n_contacts": state.contact_state.n_facets,
-        "joints": state.joints.as_json(),
-        "imbalance": state.imbalance.as_json(),
+        "joints": joints_of(state).as_json(),
+        "imbalance": imbalance_of(state).as_json(),
         "contact": numbers,
-        "contact_cap": None if state.cap is None else asdict(state.cap),
+        "contact_cap": None if cap is None else asdict(cap),
     }
 
 
@@ -232,8 +265,9 @@ def face_displacements(state: State) -> dict[str, Any]:
 
 def _support_report(state: State) -> dict[str, Any]:
     """Forces of supports, of those that move along their way; only where blocks have any."""
-    data: dict[str, Any] = {"reactions": state.reactions} if state.reactions else {}
-    if state.push_curves:
+    reactions = reactions_of(state)
+    data: dict[str, Any] = {"reactions": reactions} if reactions else {}
+    if push_curves_of(state):
         data["motions"] = [
             {
                 "support": curve.name,
@@ -242,9 +276,9 @@ def _support_report(state: State) -> dict[str, Any]:
                 "force": curve.forces.tolist(),
                 "free_after": curve.free_after,
             }
-            for curve in state.push_curves
+            for curve in push_curves_of(state)
         ]
-    return data | ({"reached": state.reached} if state.deformable.moves else {})
+    return data | ({"reached": reached(state)} if state.deformable.moves else {})
 
 
 def _static_report(state: State) -> dict[str, Any]:
@@ -252,7 +286,6 @@ def _static_report(state: State) -> dict[str, Any]:
     if state.run is not None:
         return {}
     evidence = state.evidence
-    energies = ("strain_energy", "contact_energy", "external_work", "frictional_dissipation")
     data = {
         "status": evidence.status,
         "residual": state.residual,
@@ -260,10 +293,10 @@ def _static_report(state: State) -> dict[str, Any]:
         "symmetry": state.system.orbits.order,
         "loose_blocks": evidence.loose_blocks.tolist(),
         "load_steps": evidence.load_steps,
-        "energies": {name: getattr(state, name) for name in energies},
+        "energies": energies_of(state),
         "cpu_seconds": evidence.cpu_seconds,
     }
-    balance = state.energy_balance
+    balance = energy_balance(state)
     return data if balance is None else data | {"energy_balance": balance}
 
 
@@ -273,7 +306,7 @@ def _explicit_report(state: State) -> dict[str, Any]:
     if run is None:
         return {}
     stated = run.stated
-    energies, n_bytes = run.energies, run.state_bytes + run.constant_bytes
+    n_bytes = run.state_bytes + run.constant_bytes
     data: dict[str, Any] = {
         "status": str(run.status),
         "n_steps": run.n_steps,
@@ -282,10 +315,7 @@ def _explicit_report(state: State) -> dict[str, Any]:
         "critical_time_step": run.critical.critical_time_step,
         "residual": run.residual,
         "newton_iterations": None,
-        "energies": None
-        if energies is None
-        else asdict(energies)
-        | {"viscous_dissipation": energies.viscous_dissipation, "total": energies.total},
+        "energies": energies_of(state),
         "energy_balance": run.energy_balance,
         "element_updates_per_cpu_second": run.element_updates_per_cpu_second,
         "bytes_per_node": n_bytes / stated.system.n_nodes,
@@ -296,14 +326,14 @@ def _explicit_report(state: State) -> dict[str, Any]:
 
 def _quasi_static_report(state: State) -> dict[str, Any]:
     """How static the end is, where a static state is expected."""
-    run, report = state.run, state.quasi_static
+    run, report = state.run, quasi_static(state)
     if run is None or run.stated.recommended is None or report is None:
         return {}
     meets = state.deformable.meets
     return {
-        "loose_blocks": state.loose_blocks.tolist() if meets else [],
+        "loose_blocks": unrestrained_blocks(state).tolist() if meets else [],
         "counted_pressure": run.stated.counted_pressure,
-        "released_at_start": state.released_at_start,
+        "released_at_start": released_at_start(state),
         "quasi_static": asdict(report),
         "recommended": asdict(run.stated.recommended),
         "restarts": run.restarts,

@@ -15,16 +15,18 @@ from functools import cache
 
 import numpy as np
 
-from fem.contact.facet_peaks import LARGEST_FACTOR
-from fem.state import State
-from fem.stresses.peaks import (
-    Peak,
-    largest_displacement,
+from fem.answer.energies import work_of_motion
+from fem.answer.forces import joints_of, push_curves_of
+from fem.answer.pressures import (
+    ContactMeasures,
+    contact_measures,
     largest_pressure,
     mean_of_block_maxima,
     pressure_between_nodes,
 )
-from fem.system.contact_state import ContactMeasures
+from fem.contact.facet_peaks import LARGEST_FACTOR
+from fem.state import State
+from fem.stresses.peaks import Peak, nearest_face, stress_peaks
 from fem.system.reactions import PushCurve
 from geometry.answer import (
     Array,
@@ -51,9 +53,8 @@ def measures_of(
     remarks: Mapping[str, str] | None = None,
 ) -> Lazy[Measure]:
     """Measures of a state, each computed when it is read: see `fem.answer.answer.answer_of`."""
-    moved = state.deformable, state.displacements
     makers = {
-        "max_displacement": lambda: _measure(state, largest_displacement(*moved), "mm")
+        "max_displacement": lambda: _measure(state, _largest_displacement(state), "mm")
     } | _stresses(state)
     if state.deformable.meets:
         makers |= _pressures(state, facets)
@@ -72,11 +73,23 @@ def measures_of(
     return Lazy({name: told(name) for name in makers})
 
 
+def _largest_displacement(state: State) -> Peak:
+    """Node that moves most, and by how much [mm]."""
+    whole = state.deformable
+    blocks = whole.deformable_blocks.tolist()
+    sizes = [np.linalg.norm(state.displacement_of(block), axis=1) for block in blocks]
+    largest = np.array([size.max() for size in sizes])
+    first, value = first_largest(largest), float(largest.max())
+    where = whole.positions(blocks[first])[first_largest(sizes[first])]
+    return Peak(value, (blocks[first],), where, nearest_face(whole, blocks[first], where))
+
+
 def _of_motion(state: State) -> dict[str, Callable[[], Measure]]:
     """Of the support that moves against the largest force; nothing where none does."""
-    if not state.push_curves:
+    curves = push_curves_of(state)
+    if not curves:
         return {}
-    curve = max(state.push_curves, key=lambda c: c.peak[0])
+    curve = max(curves, key=lambda c: c.peak[0])
     force, displacement = curve.peak
     place = {"support": curve.name, "displacement": displacement}
     result = {
@@ -91,7 +104,7 @@ def _of_motion(state: State) -> dict[str, Callable[[], Measure]]:
 
 def _work(state: State, curve: PushCurve) -> Measure:
     """Work of a support that moves; with what its steps leave open where they count."""
-    balanced = state.work_of_motion
+    balanced = work_of_motion(state)
     if balanced is None:
         return Measure(curve.work, "N mm", error=curve.work_error)
     steps = abs(balanced - curve.work) if state.deformable.contact.friction is not None else None
@@ -100,13 +113,13 @@ def _work(state: State, curve: PushCurve) -> Measure:
 
 def _stresses(state: State) -> dict[str, Callable[[], Measure]]:
     return {
-        "sigma_1_max": lambda: _measure(state, state.stress_peaks.sigma_1),
-        "sigma_3_min": lambda: _measure(state, state.stress_peaks.sigma_3),
-        "mises_max": lambda: _measure(state, state.stress_peaks.mises),
+        "sigma_1_max": lambda: _measure(state, stress_peaks(state).sigma_1),
+        "sigma_3_min": lambda: _measure(state, stress_peaks(state).sigma_3),
+        "mises_max": lambda: _measure(state, stress_peaks(state).mises),
         "sigma_1_averaged": lambda: _measure(
             state,
-            state.stress_peaks.sigma_1_averaged,
-            averaging_radius=state.stress_peaks.averaging_radius,
+            stress_peaks(state).sigma_1_averaged,
+            averaging_radius=stress_peaks(state).averaging_radius,
         ),
     }
 
@@ -115,8 +128,7 @@ def _pressures(
     state: State, facets: tuple[Assembly, FloatArray] | None
 ) -> dict[str, Callable[[], Measure]]:
     def at_a_point() -> Measure:
-        law = state.deformable.contact.law
-        largest = largest_pressure(state.deformable, law, state.contact_state)
+        largest = largest_pressure(state)
         return Measure(0.0, "MPa") if largest is None else _measure(state, largest)
 
     def largest_mean() -> Measure:
@@ -142,7 +154,7 @@ def _pressures(
 
 def _largest_joint_force(state: State) -> Measure:
     """Largest normal force of a joint, at the centroid of its facets."""
-    joints = state.joints
+    joints = joints_of(state)
     if not len(joints.block_m):
         return Measure(0.0, "N")
     k = first_largest(joints.normal_force)
@@ -156,7 +168,7 @@ def contact_on(state: State, facets: tuple[Assembly, FloatArray] | None = None) 
 
     What is measured at points is that of the mesh that was solved.
     """
-    result = state.contact
+    result = contact_measures(state)
     if facets is None:
         return result
     assembly, pressures = facets
@@ -250,11 +262,7 @@ def load_step_change(state: State) -> dict[str, float]:
 
 def hidden_between_nodes(state: State) -> dict[str, float]:
     """What nodes may hide of the pressure at a point, in its unit; empty without contact."""
-    model = state.deformable
-    if not model.meets:
-        return {}
-    hidden = pressure_between_nodes(model, model.contact.law, state.contact_state)
-    return {"p_max_point": hidden}
+    return {"p_max_point": pressure_between_nodes(state)} if state.deformable.meets else {}
 
 
 def bracketed(state: State) -> dict[str, float]:
@@ -263,12 +271,10 @@ def bracketed(state: State) -> dict[str, float]:
     Means over facets and integration points against corners of facets, integration points
     against corners of elements.
     """
-    stress, result, pressures = state.stress_peaks, measures_of(state), {}
+    stress, result, pressures = stress_peaks(state), measures_of(state), {}
     if state.deformable.meets:
-        law = state.deformable.contact.law
-        corners = mean_of_block_maxima(state.deformable, law, state.contact_state)
         pressures = {
-            "p_max": abs(corners - result["p_max"].value),
+            "p_max": abs(mean_of_block_maxima(state) - result["p_max"].value),
             "p_max_point": _peak_distance(state, result["p_max_point"]),
         }
     return pressures | {
@@ -286,4 +292,4 @@ def _peak_distance(state: State, peak: Measure) -> float:
     """
     if not peak.resolved:
         return (LARGEST_FACTOR - 1.0) * peak.value
-    return abs(peak.value - state.contact.p_max_point)
+    return abs(peak.value - contact_measures(state).p_max_point)

@@ -5,7 +5,18 @@ from __future__ import annotations
 from dataclasses import asdict
 from typing import TYPE_CHECKING
 
+from fem.answer.energies import released_at_start
+from fem.answer.forces import push_curves_of
 from fem.answer.measures import contact_on
+from fem.answer.motion import (
+    large_motion,
+    quasi_static,
+    reached,
+    slip,
+    turns_as_small,
+    unrestrained_blocks,
+)
+from fem.answer.pressures import CapAction, ContactMeasures, cap_action
 from fem.state import State
 from geometry.answer import PAPER, Answer, measure_rows
 from geometry.assembly import Assembly
@@ -16,7 +27,6 @@ from geometry.parts.walls import has_faces
 
 if TYPE_CHECKING:
     from fem.explicit.solve import Run
-    from fem.system.contact_state import CapAction, ContactMeasures
     from fem.system.reactions import PushCurve
 
 #: Measures that answer what is asked first: pressure, tension, displacement.
@@ -58,13 +68,13 @@ def state_rows(answer: Answer, facets: tuple[Assembly, FloatArray] | None = None
 
 def _verdict_rows(state: State) -> list[Row]:
     """Whether the state is one of equilibrium, and what is not what it is taken for."""
-    quasi_static = state.quasi_static
-    verdict = "" if quasi_static is None else quasi_static.verdict
+    at_rest = quasi_static(state)
+    verdict = "" if at_rest is None else at_rest.verdict
     if state.run is None:
         verdict = str(state.evidence.status)
-    rows, share = [Row("verdict", verdict)] if verdict else [], state.large_motion
+    rows, share = [Row("verdict", verdict)] if verdict else [], large_motion(state)
     if share is not None:
-        turns = state.turns_as_small
+        turns = turns_as_small(state)
         small = {
             "effects.finite_sliding = true": not state.deformable.contact.finite_sliding,
             "effects.finite_rotation = true": turns,
@@ -77,7 +87,7 @@ def _verdict_rows(state: State) -> list[Row]:
             f"those of small motions: expect errors of this order; set {missing}"
         )
         rows.append(Row("large motion", words, share))
-    if loose := state.loose_blocks.tolist():
+    if loose := unrestrained_blocks(state).tolist():
         words = (
             f"{', '.join(map(str, loose))}: no contact holds them in every direction. Pressures "
             "are determined, the positions of these blocks are not"
@@ -88,8 +98,8 @@ def _verdict_rows(state: State) -> list[Row]:
 
 def _curve_rows(state: State) -> list[Row]:
     """How far supports moved, and where nothing resists them."""
-    words = [_curve_words(curve) for curve in state.push_curves]
-    if not state.reached:
+    words = [_curve_words(curve) for curve in push_curves_of(state)]
+    if not reached(state):
         stopped = "the run ended before supports that move arrived: raise fem.end_time"
         words.insert(0, state.evidence.status or stopped)
     return [Row("motion", "; ".join(filter(None, words)))] if any(words) else []
@@ -125,7 +135,7 @@ def _bar_rows(answer: Answer) -> list[Row]:
     if limit is not None:
         why = f"none: the limit of {limit} ended the run before the meshes that they need"
     elif state.run is not None:
-        static = "" if state.quasi_static is None else "compare, or "
+        static = "" if quasi_static(state) is None else "compare, or "
         why = f"none of an explicit run: {static}solve on other meshes"
     return [Row("error bars", why)]
 
@@ -133,18 +143,18 @@ def _bar_rows(answer: Answer) -> list[Row]:
 def _contact_rows(answer: Answer, contact: ContactMeasures) -> list[Row]:
     """How contact was found, the largest slip, and how deep blocks press into each other."""
     state: State = answer.details
-    rows, slip = [Row("contact search", answer.report["contact_search"])], state.slip
-    if slip is not None:
-        share = slip["largest"] / slip["facet_size"]
-        words = f"{slip['largest']:.3g} mm, {share:.2g} of the facet size"
+    rows, found = [Row("contact search", answer.report["contact_search"])], slip(state)
+    if found is not None:
+        share = found["largest"] / found["facet_size"]
+        words = f"{found['largest']:.3g} mm, {share:.2g} of the facet size"
         if share > 1.0:
             words += (
                 "\nNOT VALID: the slip exceeds one facet, and the contact pairs are fixed;\n"
                 "set effects.finite_sliding = true"
             )
-        rows.append(Row("largest slip", words, slip["largest"], "mm"))
-    if state.cap is not None:
-        rows.append(Row("contact stiffness cap", cap_words(state.cap)))
+        rows.append(Row("largest slip", words, found["largest"], "mm"))
+    if (cap := cap_action(state)) is not None:
+        rows.append(Row("contact stiffness cap", cap_words(cap)))
     depth = contact.mean_overclosure
     words = f"{depth:.4g} mm over the closed contacts"
     return [*rows, Row("mean penetration", words, depth, "mm")]
@@ -163,7 +173,7 @@ def cap_words(cap: CapAction) -> str:
 
 def _run_rows(state: State, run: Run) -> list[Row]:
     """The steps of an explicit run, and how close to static its end is."""
-    stated, at_rest = run.stated, state.quasi_static
+    stated, at_rest = run.stated, quasi_static(state)
     steps = (
         f"{run.n_steps} to {1e3 * run.time:.4g} ms ({run.status}), "
         f"{run.time_step:.4g} s (critical {run.critical.critical_time_step:.4g} s)"
@@ -196,7 +206,7 @@ def _run_rows(state: State, run: Run) -> list[Row]:
         shown = [f"{key.replace('_', ' ')} {number(value)}" for key, value in values if value]
         rows.append(Row("energies [N mm]", ", ".join(shown) or "all zero"))
     rows.append(Row("energy balance", f"{run.energy_balance:.2e}", run.energy_balance))
-    if (share := state.released_at_start) is not None:
+    if (share := released_at_start(state)) is not None:
         words = (
             f"impulsive: the contact pressure at zero clearance does {share:.3g} times the work of "
             "the loads before these act. The energy balance shows the resulting error in time (it "

@@ -263,7 +263,7 @@ def _with_evidence(
     state = replace(last, evidence=evidence)
     if state.deformable.contact.friction is None:
         at_points = state.displacements, state.pressures, state.points
-        loose = loose_blocks(state.deformable, *at_points, state.representative)
+        loose = loose_blocks(state.deformable, *at_points, state.system.orbits.representative)
         evidence.loose_blocks = read_only(loose)
     evidence.status = _status(state, options)
     return state

@@ -16,6 +16,7 @@ from fem.element.functions import TensorPoints, tensor_points
 from fem.element.lagrange import Lagrange
 from fem.element.material import Material
 from fem.element.stress import principal_stress, rotate_stress
+from fem.state import State, once
 from fem.system.body import Body
 from geometry.mesh import FloatArray, IntArray, ReadOnlyArrays, cross_matrix
 
@@ -138,6 +139,19 @@ def recover(group: Body, displacement: FloatArray, *, finite_rotation: bool = Fa
         group=group,
         local=local,
     )
+
+
+@once
+def recovered_of(state: State) -> tuple[Recovered, ...]:
+    """Stresses of each group of congruent blocks at its nodes and integration points."""
+    groups = zip(state.deformable.bodies, state.displacements, strict=True)
+    return tuple(recover(g, u, finite_rotation=state.finite_rotation) for g, u in groups)
+
+
+def principal_of(state: State, block: int) -> FloatArray:
+    """Principal stresses at the nodes of a block that deforms, (n_nodes, 3) [MPa]."""
+    whole = state.deformable
+    return recovered_of(state)[int(whole.group_of[block])].principal[int(whole.copy_of[block])]
 
 
 @dataclass(frozen=True)

@@ -15,17 +15,15 @@ Contact forces are those of the points that were solved, friction included.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
 
+from fem.state import State
 from fem.stresses.recovery import block_displacements
-from fem.system.contact_state import ContactState, corner_displacements
-from fem.system.system import System
+from fem.system.contact_state import corner_displacements
 from geometry.assembly import Assembly
-from geometry.mesh import BoolArray, FloatArray, IntArray, ReadOnlyArrays
+from geometry.mesh import BoolArray, FloatArray, IntArray
 from geometry.parts.measures import Planes, SectionError, SectionForces, nothing_cut, section_rows
 
 #: Nodes at this share of the size of a block from a plane lie on it.
@@ -34,87 +32,64 @@ _ON_PLANE = 1e-7
 _TETRAHEDRA = np.array([[0, a, b, 6] for a, b in pairwise((1, 2, 3, 7, 4, 5, 1))], dtype=np.int64)
 
 
-@dataclass(frozen=True)
-class SolvedState(ReadOnlyArrays):
-    """Displacements of an assembly and what touches there."""
+class _Nodes:
+    """Nodes of all blocks of a state, and forces on them."""
 
-    deformable: System
-    displacements: tuple[FloatArray, ...]
-    """Of each group, world axes, (n_copies, n_nodes, 3) [mm]."""
-    contact: ContactState
-    """Where blocks touch."""
-    finite_rotation: bool
-    """Whether the rigid rotation of each block is no strain."""
-
-    @cached_property
-    def starts(self) -> IntArray:
-        """First node of each block where those of all blocks are numbered, (n_blocks + 1,)."""
-        assembly = self.deformable.assembly
-        sizes = [assembly.shape(b).mesh.n_nodes for b in range(assembly.n_blocks)]
-        return np.cumsum([0, *sizes])
-
-    @cached_property
-    def positions(self) -> FloatArray:
-        """Of all nodes before the load acts, (n_nodes, 3) [mm]."""
-        blocks = range(self.deformable.assembly.n_blocks)
-        return np.concatenate([self.deformable.positions(b) for b in blocks])
-
-    @cached_property
-    def places(self) -> FloatArray:
-        """Where nodal forces act, (n_nodes, 3) [mm]: moved by finite rotations only."""
-        if not self.finite_rotation:
-            return self.positions
-        moved = self.positions.copy()
-        for block in self.deformable.deformable_blocks.tolist():
-            group, copy = self._of(block)
-            moved[self.nodes(block)] += self.displacements[group][copy]
-        return moved
-
-    @cached_property
-    def local(self) -> tuple[tuple[FloatArray, FloatArray], ...]:
-        """Displacements in block frames, and the frames, of each group."""
-        pairs = zip(self.deformable.bodies, self.displacements, strict=True)
-        return tuple(
-            block_displacements(g, u, finite_rotation=self.finite_rotation) for g, u in pairs
+    def __init__(self, state: State) -> None:
+        self.state, self.whole = state, state.deformable
+        assembly, facets = self.whole.assembly, state.contact_state.surfaces
+        blocks = range(assembly.n_blocks)
+        sizes = [assembly.shape(b).mesh.n_nodes for b in blocks]
+        #: First node of each block, (n_blocks + 1,).
+        self.starts = np.cumsum([0, *sizes])
+        #: Before the load acts, (n_nodes, 3) [mm].
+        self.positions = np.concatenate([self.whole.positions(b) for b in blocks])
+        #: Where nodal forces act, (n_nodes, 3) [mm]: moved by finite rotations only.
+        self.places = self.positions.copy()
+        if state.finite_rotation:
+            for block in self.whole.deformable_blocks.tolist():
+                self.places[self.of(block)] += state.displacement_of(block)
+        #: Displacements in block frames, and the frames, of each group.
+        self.local = [
+            block_displacements(g, u, finite_rotation=state.finite_rotation)
+            for g, u in zip(self.whole.bodies, state.displacements, strict=True)
+        ]
+        sides = (facets.block_m, facets.quads_m), (facets.block_s, facets.quads_s)
+        #: Nodes of both facets of all pairs, m's first, (n, nodes of both).
+        self.ends = np.concatenate(
+            [self.starts[of][:, None] + quads for of, quads in sides], axis=1
         )
 
-    def nodes(self, block: int) -> slice:
+    def of(self, block: int) -> slice:
         """Nodes of a block."""
         return slice(int(self.starts[block]), int(self.starts[block + 1]))
-
-    def _of(self, block: int) -> tuple[int, int]:
-        return int(self.deformable.group_of[block]), int(self.deformable.copy_of[block])
 
     def element_forces(self, block: int, some: IntArray) -> FloatArray:
         """K u of some elements of a block, world axes, (m, nodes of an element, 3) [N].
 
         Springs to the ground are no part of the block.
         """
-        group, copy = self._of(block)
-        (local, frames), model = self.local[group], self.deformable.bodies[group]
+        group, copy = int(self.whole.group_of[block]), int(self.whole.copy_of[block])
+        (local, frames), model = self.local[group], self.whole.bodies[group]
         moved = local[copy][model.mesh.connectivity[some]]
         stiffness = model.element_stiffness(some, springs=False)
         result = np.einsum("eij,ej->ei", stiffness, moved.reshape(len(some), -1))
         return result.reshape(moved.shape) @ frames[copy].T
 
-    @cached_property
-    def ends(self) -> IntArray:
-        """Nodes of both facets of all pairs, m's first, (n, nodes of both)."""
-        facets = self.contact.surfaces
-        sides = (facets.block_m, facets.quads_m), (facets.block_s, facets.quads_s)
-        return np.concatenate([self.starts[of][:, None] + quads for of, quads in sides], axis=1)
-
     def contact_forces(self, rows: IntArray) -> FloatArray:
         """Contact forces on some `ends`, world axes, (n, nodes of both, 3) [N]."""
-        some, frictions = self.contact.surfaces.subset(rows), self.contact.frictions
-        moved = corner_displacements(self.deformable, self.displacements, some)
-        law = self.deformable.contact.law.on(some.block_m, some.block_s)
+        contact = self.state.contact_state
+        some, frictions = contact.surfaces.subset(rows), contact.frictions
+        moved = corner_displacements(self.whole, self.state.displacements, some)
+        law = self.whole.contact.law.on(some.block_m, some.block_s)
         pressures = law.pressure(some.overclosures(moved))
         return some.nodal_forces(moved, pressures, None if frictions is None else frictions[rows])
 
 
-def section_forces(state: SolvedState, cut: Planes) -> SectionForces:
-    """Sum what elements and contacts transmit through planes.
+def section_forces(state: State, cut: Planes) -> SectionForces:
+    """Sum what elements and contacts of a state transmit through planes.
+
+    Of an explicit run those of its end; what viscosity and damping do is not counted.
 
     Raises
     ------
@@ -122,7 +97,8 @@ def section_forces(state: SolvedState, cut: Planes) -> SectionForces:
         A plane that cuts nothing, or a periodic cell.
     """
     check_planes(state.deformable.assembly, cut, state.deformable.group_of < 0)
-    return section_rows(cut, [_Section(state, cut, k).row() for k in range(len(cut.points))])
+    nodes = _Nodes(state)
+    return section_rows(cut, [_Section(nodes, cut, k).row() for k in range(len(cut.points))])
 
 
 def check_planes(assembly: Assembly, cut: Planes, rigid: BoolArray) -> None:
@@ -154,13 +130,13 @@ def check_planes(assembly: Assembly, cut: Planes, rigid: BoolArray) -> None:
 class _Section:
     """One plane through a state."""
 
-    def __init__(self, state: SolvedState, cut: Planes, row: int) -> None:
-        self.state, self.name = state, cut.names[row]
-        assembly = state.deformable.assembly
+    def __init__(self, nodes: _Nodes, cut: Planes, row: int) -> None:
+        self.all = nodes
+        assembly = nodes.whole.assembly
         every, chosen = np.arange(assembly.n_blocks), cut.blocks[row]
         self.blocks = every if chosen is None else chosen
         self.tolerance = _ON_PLANE * assembly.characteristic_length
-        self.away = (state.positions - cut.points[row]) @ cut.normals[row]
+        self.away = (nodes.positions - cut.points[row]) @ cut.normals[row]
         self.behind = (self.away < -self.tolerance).astype(np.float64)
         polygons = [self._cut_block(block) for block in self.blocks.tolist()]
         self.area = sum(area for area, _ in polygons)
@@ -173,38 +149,38 @@ class _Section:
         """Area, centroid, force and moment about it."""
         for block in self.blocks.tolist():
             self._add_elements(block)
-        surfaces, ends = self.state.contact.surfaces, self.state.ends
+        surfaces, ends = self.all.state.contact_state.surfaces, self.all.ends
         ours = np.isin(surfaces.block_m, self.blocks) & np.isin(surfaces.block_s, self.blocks)
         rows = np.flatnonzero(ours & (np.ptp(self.behind[ends], axis=1) > 0.0))
         if len(rows):
-            self._add(ends[rows], self.state.contact_forces(rows))
+            self._add(ends[rows], self.all.contact_forces(rows))
         return self.area, self.centroid, self.force, self.moment
 
     def _add(self, nodes: IntArray, forces: FloatArray) -> None:
         """Count forces on nodes, (..., 3) [N], by how far these lie behind the plane."""
         counted = self.behind[nodes][..., None] * forces
-        arms = self.state.places[nodes] - self.centroid
+        arms = self.all.places[nodes] - self.centroid
         self.force += counted.reshape(-1, 3).sum(axis=0)
         self.moment += np.cross(arms, counted).reshape(-1, 3).sum(axis=0)
 
     def _add_elements(self, block: int) -> None:
         """Count what elements across the plane do to their nodes."""
-        whole, nodes = self.state.deformable, self.state.nodes(block)
+        whole, nodes = self.all.whole, self.all.of(block)
         if whole.group_of[block] < 0:
             return
         members = whole.body_of(block).mesh.connectivity
         some = np.flatnonzero(np.ptp(self.behind[nodes][members], axis=1) > 0.0)
         if len(some):
-            self._add(members[some] + nodes.start, -self.state.element_forces(block, some))
+            self._add(members[some] + nodes.start, -self.all.element_forces(block, some))
 
     def _cut_block(self, block: int) -> tuple[float, FloatArray]:
         """Area of a block in the plane [mm²] and its first moment (3,) [mm³]; weights on it."""
-        nodes = self.state.nodes(block)
+        nodes = self.all.of(block)
         away = self.away[nodes]
         if away.min() > self.tolerance or away.max() < -self.tolerance:
             return 0.0, np.zeros(3)
-        elements = self.state.deformable.drawn.shape(block).mesh.elements
-        corners, there = self.state.positions[nodes][elements], away[elements]
+        elements = self.all.whole.drawn.shape(block).mesh.elements
+        corners, there = self.all.positions[nodes][elements], away[elements]
         on = np.flatnonzero(np.abs(away) <= self.tolerance)
         if len(on):
             self._share(block, elements, corners, there)
@@ -224,7 +200,7 @@ class _Section:
         edges = arms[:, :, 1:] - arms[:, :, :1]
         volume = np.abs(np.linalg.det(edges)).sum(axis=1)
         behind = volume * (there.mean(axis=1) < 0.0)
-        nodes = self.state.nodes(block)
+        nodes = self.all.of(block)
         count = nodes.stop - nodes.start
         total, own = (
             np.bincount(elements.ravel(), np.repeat(v, 8), minlength=count)

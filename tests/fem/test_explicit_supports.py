@@ -9,6 +9,7 @@ import pytest
 from scipy.linalg import eigh
 
 from fem import Explicit, Problem, Static, concrete, solve_explicit, solve_static
+from fem.answer.forces import imbalance_of, joints_of, reactions_of
 from fem.problem import Motion
 from fem.system.body import ModelError
 from fem.system.effects import Effects
@@ -133,10 +134,10 @@ def test_a_sector_has_the_reactions_of_the_whole_ring(symmetry: str) -> None:
     short = ("fem.method=explicit", "fem.end_time=1e-5", "effects.elastic_frame=true")
     case = load_case("tsb1-pipe", [*small, *short, f"fem.symmetry={symmetry}"])
     found = on_its_mesh(case, method="explicit").details
-    assert found.imbalance.largest < 1e-9
-    assert found.reactions.keys() == {"bottom", "top"}
-    forces = np.array([of["force"] for of in found.reactions.values()])
-    assert np.abs(forces[:, :2]).max() < 1e-9 * found.joints.normal_force.max()
+    assert imbalance_of(found).largest < 1e-9
+    assert reactions_of(found).keys() == {"bottom", "top"}
+    forces = np.array([of["force"] for of in reactions_of(found).values()])
+    assert np.abs(forces[:, :2]).max() < 1e-9 * joints_of(found).normal_force.max()
 
 
 def test_blocks_that_move_across_the_axis_are_all_computed() -> None:

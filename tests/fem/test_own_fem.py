@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from fem import LinearPenalty, Material, Problem, Static, concrete, solve_static
+from fem.answer.pressures import contact_measures
 from fem.contact.search import closest_points
 from fem.decks.deck import Flavour
 from fem.decks.problem import problem_deck
@@ -206,7 +207,7 @@ places = [{axis = [0, 1, 0], angle = 0, fixed = true}, {axis = [0, 1, 0], angle 
     # Each joint leans by 60°, so its normal force is W / (2 cos 60°). The normals turn by the
     # displacement over a facet's size, 25 mm.
     turned = static.details.largest_displacement / 25.0
-    assert static.details.contact.force == pytest.approx(2 * weight, rel=turned)
+    assert contact_measures(static.details).force == pytest.approx(2 * weight, rel=turned)
     assert len(rigid) == 2
     for run in rigid:
         contacts = run.contacts
@@ -225,7 +226,9 @@ def test_a_prism_of_tetrahedra_weighs_on_its_joint(tmp_path: Path) -> None:
     scene = own_scene(tmp_path, parts.format("prism.stl"))
     run = on_its_mesh(scene.changed({"mesh.size": 100.0, "mesh.divisions": 1}), method="static")
     # Half of an eighth of a box; the residual is 1e-8 of the load.
-    assert run.details.contact.force == pytest.approx(2.4e-9 * 25_000.0 * 9810.0, rel=1e-7)
+    assert contact_measures(run.details).force == pytest.approx(
+        2.4e-9 * 25_000.0 * 9810.0, rel=1e-7
+    )
     assert "four hexahedra" in run.report["notes"]["tetrahedra"]
     assert "degree 2" in run.title
 

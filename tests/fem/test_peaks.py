@@ -7,13 +7,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from fem.answer.forces import joints_of
+from fem.answer.pressures import largest_pressure
 from fem.contact.normals import ContactNormals
 from fem.contact.surfaces import corner_overclosures
 from fem.element.facet import FACET_VALUES
 from fem.element.kinds import integration_points
+from fem.problem import Problem
+from fem.state import State
 from fem.stresses.ball_averages import ball_averages
-from fem.stresses.peaks import joint_forces, largest_pressure, stress_peaks
-from fem.system.contact_state import contact_state
+from fem.stresses.peaks import stress_peaks
 from geometry import Answer, Measure
 from geometry.answer import TITLES, measure_rows
 from tests.support.answers import on_its_mesh
@@ -64,7 +67,7 @@ def test_a_uniform_state_is_its_own_peak(pressed: Answer) -> None:
 
 
 def test_joints_carry_the_load(pressed: Answer) -> None:
-    joints = joint_forces(pressed.details.contact_state)
+    joints = joints_of(pressed.details)
     assert joints.block_m.tolist() == [0, 1]
     assert joints.block_s.tolist() == [1, 2]
     # On the upper block: up, with the whole load; no moment about the middle of the joint.
@@ -90,19 +93,24 @@ def test_balls_average_over_the_part_in_the_block(pressed: Answer) -> None:
             np.testing.assert_allclose(averaged[0, :, 1], balls.centres[:, 2], rtol=1e-12)
 
 
+def averaged_over(radius: float, problem: Problem) -> Problem:
+    """The problem with balls of that radius [mm]."""
+    return replace(problem, material=replace(problem.material, averaging_radius=radius))
+
+
 def test_a_bent_block_is_torn_where_it_bends_most() -> None:
     """Displacements of pure bending, σxx = E z / R: the peak is the integration point farthest out.
 
     Full integration sees the strain of the corner displacements exactly in the quadratic field's
     own x-direction: σ_xx at a Gauss point is E times the mean slope between its element's corners.
     """
-    deformable = column(PRESSURE).problem.deformable
+    deformable = averaged_over(1e3, column(PRESSURE).problem).deformable
     group, radius = deformable.bodies[0], 1e6
     shape = [(g.n_copies, g.n_nodes, 3) for g in deformable.bodies]
     displacements = tuple(np.zeros(s) for s in shape)
     x = deformable.assembly.shapes[0].mesh.nodes
     displacements[0][0] = np.column_stack([x[:, 0] * x[:, 2], 0 * x[:, 0], 0 * x[:, 0]]) / radius
-    found = stress_peaks(deformable, displacements, averaging_radius=1e3)
+    found = stress_peaks(State(deformable, deformable.localised(displacements)))
     z = integration_points(group.mesh, group.element)[:, 2].max()
     # Beside ε_xx = z/R there is a shear x/R: σ₁ of the plane state with both.
     assert found.sigma_1.position[2] == pytest.approx(z, rel=1e-12)
@@ -116,14 +124,15 @@ def test_a_bent_block_is_torn_where_it_bends_most() -> None:
 
 def test_no_mean_is_above_the_largest_tension() -> None:
     """Tension that grows towards one corner: Gauss points of large elements are far from it."""
-    deformable = column(PRESSURE).changed({"fem.degree": 2}).problem.deformable
+    problem = column(PRESSURE).changed({"fem.degree": 2}).problem
+    deformable = averaged_over(5.0, problem).deformable
     x = [g.mesh.nodes for g in deformable.bodies]
     along = [1e-9 * np.prod(nodes**2, axis=1)[:, None] * [1.0, 0.0, 0.0] for nodes in x]
     displacements = tuple(
         np.repeat(u[None], g.n_copies, axis=0)
         for u, g in zip(along, deformable.bodies, strict=True)
     )
-    found = stress_peaks(deformable, displacements, averaging_radius=5.0)
+    found = stress_peaks(State(deformable, deformable.localised(displacements)))
     assert 0.0 < found.sigma_1_averaged.value < found.sigma_1.value
 
 
@@ -136,14 +145,14 @@ def test_pressure_peaks_at_the_corner_that_is_pressed_most() -> None:
         x = deformable.assembly.nodes(block)
         group, copy = deformable.group_of[block], deformable.copy_of[block]
         displacements[group][copy][:, 2] = -turn * x[:, 0]
-    state = contact_state(deformable, displacements)
+    state = State(deformable, deformable.localised(displacements))
     law = deformable.contact.law
-    peak = largest_pressure(deformable, law, state)
+    peak = largest_pressure(state)
     assert peak is not None
     # Normals turned by 1e-4 change the gap by 1e-8 of itself; the law multiplies by 1 + X = 7.
     reach = float(deformable.assembly.nodes(1)[:, 0].max())
     assert peak.value == pytest.approx(float(law.pressure(reach * turn)), rel=1e-7)
-    assert peak.value > 1.2 * state.point_pressures.max()
+    assert peak.value > 1.2 * state.contact_state.point_pressures.max()
     assert peak.position[0] == pytest.approx(reach)
     assert peak.blocks == (0, 1)
 

@@ -9,6 +9,8 @@ import numpy as np
 import pytest
 
 from fem.accuracy.statics import static_options
+from fem.answer.energies import external_work, load_work
+from fem.answer.forces import push_curves_of
 from fem.state import State
 from fem.static.solve import static_state
 from fem.system.reactions import PushCurve
@@ -36,7 +38,7 @@ def pushed(case: Case) -> Pushed:
     problem = case.problem
     deformable = problem.deformable
     result = static_state(deformable, static_options(problem, case.method))
-    (curve,) = result.push_curves
+    (curve,) = push_curves_of(result)
     return Pushed(result, curve)
 
 
@@ -114,7 +116,7 @@ def test_the_work_of_the_push_is_stored_and_lost(pressed: Pushed, squeezed: Stat
     The curve rises and is concave: trapezia are too small, the force at the end of each step is
     too large."""
     before, after, curve = squeezed, pressed.result, pressed.curve
-    work = after.external_work - before.external_work - (after.load_work - before.load_work)
+    work = external_work(after) - external_work(before) - (load_work(after) - load_work(before))
     assert (np.diff(curve.forces) > 0.0).all()
     assert (np.diff(curve.forces, 2) < 0.0).all()
     assert curve.work <= work <= curve.forces[1:] @ np.diff(curve.displacements)

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from fem import LinearPenalty, Material, Problem, Static, solve_static
+from fem.answer.forces import push_curves_of
 from fem.system.body import ModelError
 from geometry import (
     Assembly,
@@ -83,7 +84,7 @@ def test_rollers_on_three_faces_leave_a_bar_free_to_contract(turn: np.ndarray, d
     local = answer.points @ turn
     expected = (local * np.array([2.0, -2.0 * NU, -2.0 * NU]) / E) @ turn.T
     np.testing.assert_allclose(answer.fields["displacement"], expected, atol=1e-12)
-    force = answer.details.reactions["end"]["force"]
+    force = answer.report["reactions"]["end"]["force"]
     np.testing.assert_allclose(force, -2.0 * 50.0 * 40.0 * x, atol=1e-7)
 
 
@@ -100,7 +101,7 @@ def test_a_block_sinks_evenly_into_a_bed_of_springs(degree: int) -> None:
     below = answer.points[:, 2] == 0.0
     sunk = answer.fields["displacement"][below, 2]
     np.testing.assert_allclose(sunk, -1.0 / 5.0, rtol=1e-11)
-    springs = answer.details.reactions["bed"]["force"]
+    springs = answer.report["reactions"]["bed"]["force"]
     np.testing.assert_allclose(springs, [0.0, 0.0, 5000.0], atol=1e-7)
 
 
@@ -110,7 +111,7 @@ def test_a_line_load_is_carried_by_the_support_with_its_moment(degree: int) -> N
     blocks = placed(box_block(tuple(SIZE), (3, 2, 2)))
     line = LineLoad(ALL, np.array([0.0, 50.0, 40.0]), np.array([100.0, 50.0, 40.0]), -3.0 * Z)
     answer = solved(blocks, [HeldFace(0, "z-", name="base")], lines=[line], degree=degree)
-    found = answer.details.reactions["base"]
+    found = answer.report["reactions"]["base"]
     np.testing.assert_allclose(found["force"], [0.0, 0.0, 300.0], atol=1e-7)
     np.testing.assert_allclose(found["moment"], [300.0 * 50.0, -300.0 * 50.0, 0.0], atol=1e-5)
 
@@ -133,7 +134,7 @@ def test_a_press_meets_blocks_joint_and_bed_in_series() -> None:
     assert measures["push_peak"].value == pytest.approx(stiffness * way, rel=1e-9)
     assert measures["push_stiffness"].value == pytest.approx(stiffness, rel=1e-9)
     assert measures["push_work"].value == pytest.approx(0.5 * stiffness * way**2, rel=1e-9)
-    (curve,) = answer.details.push_curves
+    (curve,) = push_curves_of(answer.details)
     np.testing.assert_allclose(curve.displacements, np.linspace(0.0, way, 21), atol=1e-12)
     np.testing.assert_allclose(curve.forces, stiffness * curve.displacements, rtol=1e-9)
 
@@ -147,7 +148,7 @@ def test_a_table_of_motion_is_followed_back_and_forth() -> None:
     table = ((0.0, 0.0), (1.0, 1.0), (3.0, 0.25))
     held += [HeldFace(1, "z+", Z[None], displacement=-0.5 * Z, path=table)]
     answer = solved(placed(low, high), held, law=LinearPenalty(100.0))
-    (curve,) = answer.details.push_curves
+    (curve,) = push_curves_of(answer.details)
     way, stiffness = curve.displacements, 5000.0 / (80.0 / E + 1.0 / 100.0)
     assert way.max() == pytest.approx(0.5)
     assert way[-1] == pytest.approx(0.125)
@@ -221,7 +222,7 @@ def test_a_scene_states_the_same_as_python() -> None:
     )
     answer = solve_static(case.problem, Static(mesh="scene", error_estimate=False))
     assert answer.measures["sigma_1_max"].value == pytest.approx(2.0, rel=1e-9)
-    force = answer.details.reactions["end"]["force"]
+    force = answer.report["reactions"]["end"]["force"]
     np.testing.assert_allclose(force, [-4000.0, 0.0, 0.0], atol=1e-6)
 
 

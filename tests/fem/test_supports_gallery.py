@@ -63,7 +63,7 @@ def test_a_roller_takes_what_presses_the_top_row_of_a_wall() -> None:
     assert rigid["force"] == pytest.approx([-force, 0.0, 0.0], abs=1e-9 * force)
     assert rigid["moment"][1] == pytest.approx(-force * 248.5, rel=1e-9)
     run = on_its_mesh(file, method="static")
-    assert run.details.reactions["roller"]["force"] == pytest.approx(
+    assert run.report["reactions"]["roller"]["force"] == pytest.approx(
         [-force, 0.0, 0.0], abs=2e-5 * force
     )
 

@@ -228,10 +228,12 @@ def _remedies(
     answer: Answer, outputs: Outputs, words: list[str], settings: Sequence[str]
 ) -> Iterator[str]:
     """How to get tighter error bars, and how a run that was cut short continues."""
+    from fem.answer.motion import large_motion
+
     # Of a value without bound a tighter bar is none to request.
     missed = [name for name in not_reached(answer) if not answer[name].remark]
     # No finer mesh describes motions that are not small.
-    if missed and not answer.case.method.accuracy and answer.details.large_motion is None:
+    if missed and not answer.case.method.accuracy and large_motion(answer.details) is None:
         words += [part for value in settings for part in ("--set", value)]
         words += [part for name in missed for part in ("--accuracy", f"{name}=5%")]
         yield f"for tighter error bars: {shlex.join(words)}"

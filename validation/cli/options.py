@@ -271,6 +271,7 @@ def exit_by(answer: Answer, method: Method) -> None:
     typer.Exit
         A requested accuracy, the arrival of supports or the end of the run was not reached.
     """
+    from fem.answer.motion import reached
     from fem.method import Static
 
     run = answer.details.run
@@ -278,7 +279,7 @@ def exit_by(answer: Answer, method: Method) -> None:
     if stopped_by == "interrupt" or (run is not None and run.status == "interrupted"):
         raise KeyboardInterrupt("the files have what was computed until then")
     missed = isinstance(method, Static) and method.accuracy and not_reached(answer)
-    if missed or not answer.details.reached or (run is not None and run.status == "stopped"):
+    if missed or not reached(answer.details) or (run is not None and run.status == "stopped"):
         raise typer.Exit(NOT_REACHED)
 
 

@@ -13,7 +13,7 @@ from geometry.answer import Answer, is_round
 from geometry.assembly import Assembly
 from geometry.files.mesh_io import write_cells
 from geometry.machine.system import write_whole
-from geometry.parts.measures import SectionForces
+from geometry.parts.measures import JointResultants, SectionForces
 from validation.output import answer_files
 from validation.output.files import FRAMES, write_csv
 from validation.output.outputs import Outputs
@@ -72,17 +72,16 @@ def _files(answer: Answer) -> Iterator[answer_files.File]:
     details, rigid, drawn = answer.details, answer.method == "rigid", pictures(answer)
     if rigid and not is_meshed(answer):
         yield "contacts", "contacts.vtu", partial(_write_contacts, answer)
-    joints = details.joints if (details.holds if rigid else details.deformable.meets) else None
     sections = cast("SectionForces | None", answer.parts.get("sections"))
-    yield from answer_files.joint_files(joints, sections, answer.problem.blocks.names)
+    yield from answer_files.joint_files(_joints(answer), sections, answer.problem.blocks.names)
     if "stages" in answer.parts:
         columns = cast("StageResults", answer.parts["stages"]).table
         rows = list(zip(*columns.values(), strict=True))
         yield "stages", "stages.csv", lambda path: write_csv(path, columns, rows)
-    if not rigid and details.push_curves:
+    if not rigid and (curves := _push_curves(answer)):
         from validation.output.pictures.motions import draw_motions
 
-        yield "motions", "motions.csv", partial(_write_motions, details.push_curves)
+        yield "motions", "motions.csv", partial(_write_motions, curves)
         drawn["motions.png"] = lambda: draw_motions(answer, limit=_rigid_limit(answer))
     if not rigid and details.run is not None:
         from validation.output.pictures.energies import draw_energies
@@ -91,6 +90,21 @@ def _files(answer: Answer) -> Iterator[answer_files.File]:
         drawn["energies.png"] = partial(draw_energies, answer)
     for name, draw in drawn.items():
         yield "picture", name, partial(_save, draw)
+
+
+def _joints(answer: Answer) -> JointResultants | None:
+    details = answer.details
+    if answer.method == "rigid":
+        return details.joints if details.holds else None
+    from fem.answer.forces import joints_of
+
+    return joints_of(details) if details.deformable.meets else None
+
+
+def _push_curves(answer: Answer) -> tuple[PushCurve, ...]:
+    from fem.answer.forces import push_curves_of
+
+    return push_curves_of(answer.details)
 
 
 def _save(draw: Callable[[], Figure], path: Path) -> None:

@@ -13,6 +13,7 @@ import numpy as np
 from scipy.spatial import KDTree
 
 from fem.answer.measures import load_step_change
+from fem.answer.motion import largest_turn
 from fem.decks.deck import Deck, Flavour
 from fem.decks.problem import problem_deck
 from fem.decks.write import write_deck_file
@@ -183,7 +184,7 @@ def solve_deck(
             "and the answer has left their range"
         )
     if deck.steps[-1].large_rotations and not problem.finite_rotation:
-        turn, words = answer.details.largest_turn, "largest rotation of a block"
+        turn, words = largest_turn(answer.details), "largest rotation of a block"
         parts["rotation"] = Notes([Row(words, f"{turn:.2g} rad", turn, "rad", "evidence")])
         turned = largest_rotation(answer)
         if turned > LARGEST_STRAIN:

@@ -6,6 +6,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 from fem.accuracy.parts import Accuracy
+from fem.answer.motion import large_motion
 from fem.element.material import Material
 from geometry.answer import (
     FACTORS,
@@ -129,7 +130,7 @@ def _how_sure(fem: Answer | None) -> PageVerdict:
     if isinstance(accuracy, Accuracy):
         lines = _lines(accuracy.rows)
     lines += _lines(measure_rows({n: m for n, m in measures.items() if not m.is_number}))
-    if fem.details.large_motion is not None:
+    if large_motion(fem.details) is not None:
         lines.append("Motions are large, but counted as small: see the table.")
     if not any(measure.error is not None for measure in measures.values()):
         why = "the scene sets one mesh without an estimate"

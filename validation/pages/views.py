@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from fem.state import State
+from fem.stresses.recovery import principal_of
 from geometry.answer import Answer, is_round
 from geometry.assembly import Assembly
 from validation.output.command_files import is_meshed
@@ -85,7 +86,7 @@ def stressed(answer: Answer, layers: Sequence[int] | None = None) -> tuple[View,
     some = _in_layers(deformable.assembly.layer, layers)
     shown = np.intersect1d(deformable.deformable_blocks, some).tolist()
     parts = moved_blocks(
-        solution, lambda b: solution.principal(b)[:, 0], scale, only=shown, factor=factor
+        solution, lambda b: principal_of(solution, b)[:, 0], scale, only=shown, factor=factor
     )
     return View(parts, eye(deformable.drawn)), scale
 

@@ -128,6 +128,7 @@ def fem_results(case: Case) -> tuple[dict[str, Any], list[str]]:
     from fem.accuracy.converge import TARGETS
     from fem.accuracy.errors import AT_AN_EDGE
     from fem.accuracy.parts import Accuracy
+    from fem.answer.energies import energy_balance
     from validation.solving import repeatable, solve
 
     answer = repeatable(solve(case, otherwise=dict.fromkeys(TARGETS, RANKING)))
@@ -146,7 +147,7 @@ def fem_results(case: Case) -> tuple[dict[str, Any], list[str]]:
         missed = reached.request_rows(reached.not_reached)
     result |= {
         "residual": answer.details.residual,
-        "energy_balance": answer.details.energy_balance,
+        "energy_balance": energy_balance(answer.details),
         "n_elements": answer.details.deformable.n_elements,
         **_built(answer.report["dimensions"]),
     }

@@ -18,6 +18,7 @@ from fem.stresses.recovery import (
     grid_places,
     moved_bodies,
     recover,
+    recovered_of,
 )
 from fem.system.body import Body
 from fem.system.system import System
@@ -123,7 +124,7 @@ def write_solution(found: State, path: Path) -> None:
         found.deformable.bodies,
         found.displacements,
         finite_rotation=found.finite_rotation,
-        recovered=found.recovered,
+        recovered=recovered_of(found),
         owners=element_owners(found.deformable),
     )
 

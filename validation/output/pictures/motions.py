@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from fem.answer.forces import push_curves_of
 from geometry.parts.rows import number
 from validation.output.pictures.gallery import subplots, wrapped
 from validation.output.pictures.scales import BLUE, GREEN, ORANGE, VERMILION
@@ -11,7 +12,6 @@ from validation.output.pictures.scales import BLUE, GREEN, ORANGE, VERMILION
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from fem.system.reactions import PushCurve
     from geometry.answer import Answer
 
 #: Forces from here on are drawn in kN [N].
@@ -24,7 +24,7 @@ def draw_motions(answer: Answer, *, limit: float | None = None) -> Figure:
 
     Beside it the limit load of rigid blocks [N], where there is one.
     """
-    curves: tuple[PushCurve, ...] = answer.details.push_curves
+    curves = push_curves_of(answer.details)
     figure, axes = subplots(1, 1, size=(7.0, 4.5))
     most = max(limit or 0.0, *(abs(curve.forces).max() for curve in curves))
     unit, name = (1e-3, "kN") if most >= _KILO else (1.0, "N")

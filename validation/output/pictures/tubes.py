@@ -12,6 +12,7 @@ import numpy as np
 
 from fem.element.functions import lobatto_points
 from fem.element.stress import von_mises
+from fem.stresses.recovery import principal_of
 from geometry.answer import is_round
 from geometry.families.hexagon_block import EDGE_NAMES
 from geometry.mesh import FloatArray, structured_quads
@@ -120,7 +121,7 @@ def _moved(solution: State, block: int) -> FloatArray:
 
 
 def _stress(solution: State, stress: Stress, block: int) -> FloatArray:
-    return stress.of(solution.principal(block))
+    return stress.of(principal_of(solution, block))
 
 
 def stress_scale(solution: State, stress: Stress = STRESSES[0]) -> Scale:

@@ -87,7 +87,7 @@ def _solved(task: Problem, store: FlexibilityStore, *, refined: bool) -> Mapping
     """The paper's measures of a static state, over the facets of the problem's mesh."""
     options = replace(static_options(task, Static()), tolerance=1e-4)
     if not refined:
-        return vars(static_state(task.deformable, options, store=store).contact)
+        return vars(contact_on(static_state(task.deformable, options, store=store)))
     deformable = on_rung(task, _STIFF_RUNG).deformable
     result = static_state(deformable, options)
     pressures = pressures_on_facets(

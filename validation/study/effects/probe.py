@@ -7,6 +7,8 @@ from typing import Any
 
 import numpy as np
 
+from fem.answer.motion import slip
+from fem.answer.pressures import contact_measures
 from fem.method import Explicit
 from fem.state import State
 from fem.static.linear_step.flexibility import FlexibilityStore
@@ -63,7 +65,8 @@ class Change(Quantities):
 
 def quantities_of(solution: State) -> Quantities:
     """Quantities of a run."""
-    return Quantities(solution.contact.p_max, solution.contact.p_eff, solution.largest_displacement)
+    contact = contact_measures(solution)
+    return Quantities(contact.p_max, contact.p_eff, solution.largest_displacement)
 
 
 def change(before: Quantities, after: Quantities) -> Change:
@@ -145,7 +148,7 @@ def largest_slip_share(solved: State, case: Case, probe: Case) -> tuple[float, f
 
     None where facets are searched: their meshes do not match.
     """
-    if solved.slip is None:
+    found = slip(solved)
+    if found is None:
         return None
-    slip = solved.slip["largest"]
-    return slip, slip / solved.slip["facet_size"] * refinement(case, probe)
+    return found["largest"], found["largest"] / found["facet_size"] * refinement(case, probe)
