@@ -1,4 +1,4 @@
-"""The rigid answer in the type that all solvers share."""
+"""The rigid answer in the type that all solvers share, found by Algorithm 1 of the paper."""
 
 from __future__ import annotations
 
@@ -20,7 +20,10 @@ from geometry.answer import (
     place,
 )
 from geometry.assembly import Assembly
+from geometry.errors import RefusedError
 from geometry.loads import LoadCase
+from geometry.machine.system import one_thread_of_blas
+from geometry.machine.work import budget, clock, require_memory
 from geometry.mesh import FloatArray, IntArray
 from geometry.parts.dimensions import Built, dimensions
 from geometry.parts.measures import (
@@ -32,20 +35,31 @@ from geometry.parts.measures import (
     first_largest,
     sections_through_joints,
 )
-from geometry.parts.placed import AnyBlocks
+from geometry.parts.placed import AnyBlocks, PlacedBlocks
+from geometry.parts.rows import Notes, Part, Row
 from geometry.polyhedra.bare_contacts import CROSSING_EDGES, STANDING_CORNER
-from mbd.analysis import AnalysisError, as_statement, rigid_result
+from mbd.contacts.jacobian import contact_jacobian
+from mbd.frictionless.mechanism import MANY_BLOCKS, classify
 from mbd.options import Rigid, Stages
-from mbd.results.result import RigidResult
+from mbd.results.result import EdgesAndCorners, RigidResult
 from mbd.results.rows import rigid_rows
-from mbd.system import RigidStatement
+from mbd.system import RigidStatement, RigidSystem, Stated
 
 if TYPE_CHECKING:
-    from geometry.parts.rows import Part
     from geometry.polyhedra.assembly import PolyhedralAssembly
     from mbd.building.stages import StageResults
+    from mbd.friction.equilibrium import CollapseLoad
+    from mbd.limits.pushes import Push
     from mbd.results.motion import DrivenMotion
 
+#: Memory of a contact of a tube with its loads, as measured: without friction …
+_CONTACT_BYTES = 550.0
+#: … with linear programs …
+_PROGRAM_BYTES = 2200.0
+#: … and with cone programs.
+_CONE_BYTES = 7600.0
+#: Stage of all that is found beside the equilibrium without friction.
+_BESIDE = "friction and limits"
 #: Forces of joints below this part of the largest are zero to round-off.
 _ROUND_OFF = 1e-9
 #: Units of numbers in the report.
@@ -58,6 +72,30 @@ REPORT_UNITS = {
     "mechanism": "rows of the free blocks: displacement (3), rotation in rad times rotation_length "
     "in mm (3), to any scale",
 }
+
+
+class AnalysisError(RefusedError):
+    """An argument of the wrong type; the message names it and what is expected."""
+
+
+def as_statement(problem: object, load: object) -> RigidStatement:
+    """Return what is to be analysed; what is no statement and no blocks with a load is rejected."""
+    blocks = isinstance(problem, PlacedBlocks)
+    stated = isinstance(problem, Stated) or hasattr(type(problem), "rigid_load")
+    if load is None and (blocks or not stated):
+        got = "blocks without a load case" if blocks else f"a {type(problem).__name__}"
+        raise AnalysisError(
+            f"analyse: got {got}; expected a Problem, or blocks and a load case: "
+            "analyse(blocks, load=pipe(0.01).on(blocks))"
+        )
+    if load is None:
+        return cast("RigidStatement", problem)
+    if not (blocks and isinstance(load, LoadCase)):
+        raise AnalysisError(
+            f"analyse: got a {type(problem).__name__} and a {type(load).__name__}; expected "
+            "blocks and a load case: analyse(blocks, load=pipe(0.01).on(blocks))"
+        )
+    return Stated(cast("AnyBlocks", problem), load)
 
 
 def analyse(
@@ -104,15 +142,34 @@ def analyse(
             "case as load="
         )
     stated, method = as_statement(problem, load), method or Rigid()
-    tell, start = progress or (lambda _: None), time.process_time()
+    tell, laps = progress or (lambda _: None), _Laps()
     parts = _construction(stated, method, tell)
-    built = time.process_time() - start
-    result = rigid_result(stated, method, tell)
-    seconds = dict(result.cpu_seconds)
-    for stage in ("parts", "total") if parts else ():
-        seconds[stage] = seconds.get(stage, 0.0) + built
-    result = replace(result, parts={**parts, **result.parts}, cpu_seconds=seconds)
-    return _answer(stated, result)
+    laps.end("parts" if parts else None)
+    with (
+        one_thread_of_blas(),
+        budget(method.max_work, clock(method.max_seconds), method.max_memory) as spent,
+    ):
+        _require_memory(stated, method)
+        laps.end(None)  # libraries that are loaded
+        result = _result(stated, method, tell, laps)
+    seconds = laps.seconds | {"total": sum(laps.seconds.values())}
+    parts |= {**result.parts, "work": spent}
+    return _answer(stated, replace(result, parts=parts, cpu_seconds=seconds))
+
+
+class _Laps:
+    """CPU time of stages [s]."""
+
+    def __init__(self) -> None:
+        self.seconds: dict[str, float] = {}
+        self._last = time.process_time()
+
+    def end(self, stage: str | None) -> None:
+        """Count the time since the last stage to this one; None: to none."""
+        now = time.process_time()
+        if stage is not None:
+            self.seconds[stage] = self.seconds.get(stage, 0.0) + now - self._last
+        self._last = now
 
 
 def stages(
@@ -161,6 +218,135 @@ def _construction(
 
         parts["take_out"] = take_out(stated.rigid_blocks, tell)
     return parts
+
+
+def _require_memory(stated: RigidStatement, method: Rigid) -> None:
+    """Reject what takes more memory than allowed, before contacts of hexahedra are looked for."""
+    blocks, each = stated.rigid_blocks, _CONTACT_BYTES
+    if method.ranges or method.margin:
+        each = _PROGRAM_BYTES
+    if method.collapse or method.sliding or stated.coulomb is not None:
+        each = _CONE_BYTES
+    if isinstance(blocks, Assembly):
+        n = int(blocks.eligible_facets().sum()) // 2
+    else:
+        n = blocks.interfaces.n_contacts
+    require_memory(
+        f"{n} contact points of rigid blocks",
+        each * n,
+        "a coarser mesh, fewer blocks or a higher limit",
+    )
+
+
+def _result(
+    problem: RigidStatement, method: Rigid, tell: Callable[[str], None], laps: _Laps
+) -> RigidResult:
+    """Classify rigid blocks, solve for their contact forces, and find what a method asks beside."""
+    whole, case, weight = problem.rigid_blocks, problem.rigid_load, problem.rigid_weight
+    if not whole.interfaces.n_contacts:
+        raise AnalysisError(
+            "analyse: no two of the blocks touch, and rigid blocks have forces in their joints "
+            "alone; expected blocks that meet, or solve_static for single bodies"
+        )
+    held = tuple(support for support in case.held if not support.is_push)
+    stated = Stated(whole, replace(case, held=held), weight, problem.coulomb)
+    faces = whole
+    if not isinstance(whole, Assembly):
+        faces = cast("PolyhedralAssembly", whole).bearing()
+    system = RigidSystem(stated.on(faces), method, tell)
+    result = _judged(system, laps)
+    parts = dict(result.parts)
+    smooth, locked = result.equilibrium, result.supported_classification.locked
+    if system.coulomb is None and smooth.holds and not locked:
+        from mbd.limits.pushes import Pushes
+
+        parts = {"pushes": Pushes(system), **parts}
+    if len(held) < len(case.held):
+        pushed = Stated(whole, case, weight, problem.coulomb).on(faces)
+        parts["push_limit"] = _push(RigidSystem(pushed, method))
+    if faces is not whole:
+        tell("what edges and corners would add")
+        parts["edges_and_corners"] = _edges(stated, result, method)
+        index = np.flatnonzero(cast("PolyhedralAssembly", whole).interfaces.bears)
+        result = replace(result, blocks=whole, contact_index=index[result.contact_index])
+    if problem.interference:
+        words = (
+            f"{problem.interference:g} mm: not counted by rigid blocks; `tubelock fem` computes "
+            "its forces"
+        )
+        parts["interference"] = Notes([Row("interference fit", words, group="verdict")])
+    if result.moving is not None:
+        from mbd.results.motion import motion_of_blocks, placed_motion
+
+        motion = placed_motion(whole, result.moving, ~result.load.fixed)
+        proved = result.verdict.holds is False
+        parts["motion"] = motion_of_blocks(whole, motion, weight, proved=proved)
+    laps.end(_BESIDE)
+    return replace(result, parts=parts)
+
+
+def _judged(system: RigidSystem, laps: _Laps) -> RigidResult:
+    """Classify an assembly and solve for its contact forces (Algorithm 1), with friction or not."""
+    blocks, load = system.blocks, system.load
+    system.tell(f"{int((~load.fixed).sum())} free blocks: equilibrium and mechanisms")
+    _ = blocks.interfaces  # found once and kept: timed as a stage of its own
+    laps.end("interfaces")
+    contacts, force = system.contacts, system.force
+    laps.end("jacobian")
+    balance = system.frictionless
+    laps.end("equilibrium")
+    many = len(contacts.free_blocks) > MANY_BLOCKS
+    supported = framed = classify(contacts.jacobian, force, balance if many else None)
+    if (load.fixed != blocks.fixed).any():
+        held = contact_jacobian(blocks, supports=load.held)
+        framed = classify(held.jacobian, held.rows(load.wrenches))
+    laps.end("mechanism")
+    parts: dict[str, Part] = {}
+    if system.coulomb is not None or system.method.asks_more:
+        from mbd.results.parts import parts_of
+
+        parts = parts_of(system)
+    laps.end(_BESIDE)
+    return RigidResult(
+        classification=framed,
+        supported_classification=supported,
+        equilibrium=balance,
+        contact_index=contacts.index,
+        norm=system.method.norm,
+        blocks=blocks,
+        load=load,
+        parts=parts,
+    )
+
+
+def _edges(stated: Stated, faces: RigidResult, method: Rigid) -> EdgesAndCorners:
+    """Judge the same blocks on all contacts, edges and corners included."""
+    whole = cast("PolyhedralAssembly", stated.rigid_blocks)
+    without = int((~whole.interfaces.bears).sum())
+    both = faces
+    # What no motion leaves cannot move with more contacts either.
+    if not (faces.classification.locked and faces.supported_classification.locked):
+        asked = replace(method, sliding=False, ranges=False, margin=False)
+        both = _judged(RigidSystem(stated, asked), _Laps())
+    factors = None
+    if method.collapse:
+        factors = _factor(faces), _factor(both)
+    return EdgesAndCorners(without, faces.verdict, both.verdict, factors, both.classification)
+
+
+def _factor(result: RigidResult) -> float:
+    return cast("CollapseLoad", result.parts["collapse"]).factor
+
+
+def _push(system: RigidSystem) -> Push:
+    """Limit of the support that pushes a block."""
+    from mbd.limits.pushes import Push, push_limit
+
+    friction = 0.0 if system.coulomb is None else system.coulomb.coefficient
+    try:
+        return Push(friction, push_limit(system))
+    except RefusedError as error:
+        return Push(friction, f"none: {error}")
 
 
 def _answer(stated: RigidStatement, result: RigidResult) -> Answer:

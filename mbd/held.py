@@ -33,7 +33,7 @@ from mbd.friction.equilibrium import (
     FrictionalContacts,
     frictional_equilibrium,
 )
-from mbd.results.verdict import carried_words
+from mbd.results.result import carried_words
 from mbd.system import RigidStatement, RigidSystem, Stated
 
 #: Natural coordinates of the corners of a facet (4, 2), and of its Gauss points in each direction.

@@ -15,7 +15,7 @@ from geometry.mesh import FloatArray, IntArray
 from geometry.polyhedra.assembly import PolyhedralAssembly, polyhedral_assembly
 from geometry.polyhedra.polyhedron import polyhedron
 from mbd import MechanismClass, analyse
-from mbd.results.verdict import Verdict
+from mbd.results.result import Verdict
 from tests.support.drawn_blocks import Drawn, abeille, arch, cuboid, triangles_of
 
 pytestmark = pytest.mark.quick

@@ -23,7 +23,7 @@ from geometry.machine.work import (
     unlimited,
 )
 from mbd import Rigid, analyse, contact_jacobian
-from mbd.analysis import _CONTACT_BYTES
+from mbd.answer import _CONTACT_BYTES
 from mbd.friction.equilibrium import frictional_contacts, frictional_equilibrium
 from mbd.friction.squeeze import squeeze
 from mbd.frictionless.equilibrium import newton_equilibrium
