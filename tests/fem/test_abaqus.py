@@ -27,7 +27,7 @@ from fem.decks.read.cards import Card, read_cards
 from fem.decks.read.deck import deck_of_lines
 from fem.decks.read.model import damping_of_step
 from fem.decks.write import deck_lines
-from fem.problem import Frames
+from fem.problem import Frames, Motion
 from fem.system.build import block_load_forces
 from fem.system.effects import BulkViscosity, RayleighDamping
 from geometry import Assembly
@@ -481,3 +481,24 @@ def test_adaptive_damping_is_the_constant_damping_of_the_paper(tube) -> None:
     assert deck.effects.rayleigh == RayleighDamping(2.0, 1e-8)
     assert deck.effects.adaptive_mass_damping is None
     assert any("adaptive damping is its own" in note for note in deck.notes)
+
+
+@pytest.mark.parametrize("spin", [0.0, 1e-3, 3.0])
+def test_bodies_that_move_at_the_start_do_so_in_the_deck(spin: float) -> None:
+    """Without rotation by the velocities of nodes; else about an axis through each centre."""
+    axis = np.array([0.0, 0.6, 0.8])
+    deck = box_deck(motion=Motion(np.array([1.5, 0.0, -2.0]), spin * axis))
+    (at,) = (k for k, line in enumerate(text_of(deck)) if line.startswith("*Initial Conditions"))
+    kind, *lines = text_of(deck)[at : at + 5]
+    if spin == 0.0:
+        assert kind.endswith("type=VELOCITY")
+        said = [line.split(", ")[1:] for line in lines[: 2 * len(deck.sets)]]
+        assert said == [["1", "1.5"], ["3", "-2.0"]] * len(deck.sets)
+        return
+    assert kind.endswith("type=ROTATING VELOCITY")
+    for block, (moved, ends) in enumerate(zip(lines[::2], lines[1::2], strict=True)):
+        numbers = [float(word) for word in moved.split(",")[1:]]
+        assert numbers == pytest.approx([spin, 1.5, 0.0, -2.0], rel=1e-12)
+        start, end = np.array([float(word) for word in ends.split(",")]).reshape(2, 3)
+        assert start == pytest.approx(deck.nodes(block).mean(axis=0), abs=1e-9)
+        assert (end - start) / np.linalg.norm(end - start) == pytest.approx(axis, abs=1e-9)

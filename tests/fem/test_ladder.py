@@ -17,7 +17,7 @@ from fem.accuracy.ladder import (
     ladder_for,
     on_rung,
 )
-from geometry import pipe
+from geometry import Indenter, pipe
 from geometry.families.boxes import ColumnBox, box_column
 from geometry.families.planar_wall import OsteomorphicWall
 from geometry.loads import face_pressure
@@ -58,6 +58,14 @@ def test_lines_of_a_rung_fill_every_part_of_a_block_once(rung: Rung) -> None:
         assert (line[0], line[-1]) == (0.0, 1.0)
         assert (np.diff(line) > 0.0).all()
         assert parts * (len(line) - 1) == counts[name]
+
+
+@pytest.mark.parametrize("rung", RUNGS)
+def test_lines_of_an_indenter_go_from_end_to_end(rung: Rung) -> None:
+    """Its directions are alike: each has as many elements as a wall has across."""
+    charts = charts_of(Indenter("ball", 100.0, 5.0, 3).build().shapes[0])
+    for line in rung.lines(charts).values():
+        np.testing.assert_allclose(line, np.linspace(0.0, 1.0, rung.across + 1), atol=1e-15)
 
 
 def volumes(problem: Problem) -> FloatArray:

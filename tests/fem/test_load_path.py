@@ -6,9 +6,11 @@ import numpy as np
 import pytest
 
 from fem import CoulombFriction, Problem, Static, concrete, solve_static
+from fem.explicit.solve import Frame
 from fem.static.path import LOAD_TOLERANCE, load_factors
 from fem.static.solve import MOST_PARTS, StaticOptions, doubled, path_change, static_state
 from geometry.loads import LoadCase, PressureLoad
+from tests.support.answers import on_its_mesh
 from tests.support.pressed_pipe import column, pipe, sheared_column
 
 TIGHT = StaticOptions(tolerance=1e-10)
@@ -145,3 +147,13 @@ def test_frames_of_a_problem_after_another_begin_at_its_state():
     assert np.abs(first - before).max() < 1e-5 * size
     assert np.abs(end - first).max() > 0.1 * size
     np.testing.assert_array_equal(end, found.displacements[0])
+
+
+def test_the_last_frame_of_a_load_path_says_that_it_is_the_last() -> None:
+    """Of four frames the first has no load; displacements of a linear problem grow with it."""
+    frames: list[Frame] = []
+    on_its_mesh("column", {"fem.method": "static", "fem.frames": 4}, on_frame=frames.append)
+    assert [frame.number for frame in frames] == [0, 1, 2, 3]
+    assert [frame.time for frame in frames] == pytest.approx([0.0, 1 / 3, 2 / 3, 1.0])
+    assert [frame.last for frame in frames] == [False, False, False, True]
+    assert not any(u.any() for u in frames[0].displacements)
