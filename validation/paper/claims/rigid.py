@@ -18,7 +18,7 @@ from validation.paper.evidence import (
     paper_measures_of,
 )
 from validation.paper.reference import reference
-from validation.paper.verdict import ClaimVerdict, Statements, Truth, claim_verdict
+from validation.paper.verdict import ClaimVerdict, Statements, Truth, claim_verdict, listed
 
 RIGID_CLAIMS = Statements("claim")
 
@@ -93,14 +93,12 @@ def _saturates(evidence: PaperEvidence) -> ClaimVerdict:
     for shift in (0.0, 0.5):
         curve = [p_max(evidence.tsb((shift, 1.5, 4, 40.0, a))) for a in (25.0, 30.0, 40.0)]
         curves[f"s={shift:g}"] = curve
-    drops = {name: 1 - c[2] / c[1] for name, c in curves.items()}
+    percent = {name: 100 * (1 - c[2] / c[1]) for name, c in curves.items()}
     return claim_verdict(
-        all(drop < _TENTH for drop in drops.values()),
-        "from a = 30 to 40 mm p_max still falls by "
-        + " and ".join(f"{100 * d:.0f} % ({n})" for n, d in drops.items())
-        + ", for example to "
-        + f"{curves['s=0'][2]:.3f} from {curves['s=0'][1]:.3f} MPa (s = 0)"
-        + "; f = 1.5, n = 4, t = 40; marginal: below 10 %; the printed range ends at 25 mm",
+        all(drop < 100 * _TENTH for drop in percent.values()),
+        f"from a = 30 to 40 mm p_max still falls by {listed(percent, '{:.0f} %', ' and ')}, for "
+        f"example to {curves['s=0'][2]:.3f} from {curves['s=0'][1]:.3f} MPa (s = 0); f = 1.5, "
+        "n = 4, t = 40; marginal: below 10 %; the printed range ends at 25 mm",
         p_max_at_25_30_40=curves,
     )
 
@@ -130,15 +128,12 @@ def _falls_with_thickness(evidence: PaperEvidence) -> ClaimVerdict:
 @RIGID_CLAIMS.add
 def _thick_depends_less(evidence: PaperEvidence) -> ClaimVerdict:
     p, thicknesses = evidence.study.p_max, evidence.study.axes[3]
-    spread = {}
-    for t in thicknesses:
-        values = np.array([v for key, v in p.items() if key[3] == t])
-        spread[t] = float(values.max() - values.min())
-    falling = bool((np.diff(list(spread.values())) < 0).all())
+    of = {t: [v for key, v in p.items() if key[3] == t] for t in thicknesses}
+    spread = {t: max(values) - min(values) for t, values in of.items()}
+    words = listed({f"t = {t:g}": v for t, v in spread.items()}, "{:.2f} MPa")
     return claim_verdict(
-        falling,
-        "max - min of p_max over a, f, n, s: "
-        + ", ".join(f"{v:.2f} MPa (t = {t:g})" for t, v in spread.items()),
+        bool((np.diff(list(spread.values())) < 0).all()),
+        f"max - min of p_max over a, f, n, s: {words}",
         range_of_p_max=spread,
     )
 
@@ -236,14 +231,12 @@ def _fewer_larger_example(evidence: PaperEvidence) -> ClaimVerdict:
         for thick in thicknesses
         for high in amplitudes
     ]
+    others = "and so for every a and t"
+    if not all(lower):
+        others = f"but not for every a and t: lower in {sum(lower)} of {len(lower)}"
     return claim_verdict(
         all(lower),
-        f"{p[few]:.3f} against {p[many]:.3f} MPa (a = {a:g}, t = {t:g}), "
-        + (
-            "and so for every a and t"
-            if all(lower)
-            else f"but not for every a and t: lower in {sum(lower)} of {len(lower)}"
-        ),
+        f"{p[few]:.3f} against {p[many]:.3f} MPa (a = {a:g}, t = {t:g}), {others}",
         few=p[few],
         many=p[many],
     )
@@ -286,8 +279,8 @@ def _thickness_minor(evidence: PaperEvidence) -> ClaimVerdict:
     spread = max(by_thickness.values()) / min(by_thickness.values()) - 1
     return claim_verdict(
         spread < _TENTH,
-        ", ".join(f"{p:.3f} MPa (t = {t:g})" for t, p in by_thickness.items())
-        + f": {100 * spread:.0f} % apart (minor: below 10 %)",
+        f"{listed({f't = {t:g}': p for t, p in by_thickness.items()}, '{:.3f} MPa')}: "
+        f"{100 * spread:.0f} % apart (minor: below 10 %)",
         p_max=by_thickness,
     )
 
@@ -375,10 +368,9 @@ def _near(target: float, case: str, *, count: bool) -> Callable[[PaperEvidence],
     return judge
 
 
-for _case, _target in (("pipe", 30.0), ("tunnel", 50.0)):
-    RIGID_CLAIMS.add(_near(_target, _case, count=True), f"area-{_case}")
-for _case, _target in (("pipe", 30.0), ("tunnel", 50.0)):
-    RIGID_CLAIMS.add(_near(_target, _case, count=False), f"area-{_case}-true")
+for _count, _name in ((True, "area-{}"), (False, "area-{}-true")):
+    for _case, _target in (("pipe", 30.0), ("tunnel", 50.0)):
+        RIGID_CLAIMS.add(_near(_target, _case, count=_count), _name.format(_case))
 
 
 # ---------------------------------------------------------------------------------------------
@@ -412,19 +404,17 @@ def _blocks_alike(evidence: PaperEvidence) -> ClaimVerdict:
 
 @RIGID_CLAIMS.add
 def _layers_alike(evidence: PaperEvidence) -> ClaimVerdict:
-    words, values, holds = [], {}, True
-    for case in ("pipe", "tunnel"):
-        for name, run in zip(("TSB1", "TSB2"), _rows(evidence, case), strict=True):
-            _, p = _by_layer(run)
-            inner = p[2:-2]
-            apart = float(np.ptp(inner) / inner.mean())
-            holds &= apart < _TENTH / 2
-            words.append(f"{name} {case} {100 * apart:.0f} %")
-            values[f"{name} {case}"] = p.tolist()
+    values = {
+        f"{name} {case}": _by_layer(evidence.case(name, case))[1]
+        for case in ("pipe", "tunnel")
+        for name in ("TSB1", "TSB2")
+    }
+    apart = {name: float(np.ptp(p[2:-2]) / p[2:-2].mean()) for name, p in values.items()}
+    words = ", ".join(f"{name} {100 * share:.0f} %" for name, share in apart.items())
     return claim_verdict(
-        holds,
-        "block maxima of layers 3 to 10 differ by " + ", ".join(words) + " (identical: below 5 %)",
-        p_max_by_layer=values,
+        max(apart.values()) < _TENTH / 2,
+        f"block maxima of layers 3 to 10 differ by {words} (identical: below 5 %)",
+        p_max_by_layer={name: p.tolist() for name, p in values.items()},
     )
 
 
@@ -442,12 +432,9 @@ def _shaft_layer(evidence: PaperEvidence) -> ClaimVerdict:
     return claim_verdict(
         all(layers == [7] for layers in hardest_layers["p_eff as printed"].values()),
         "layers of the largest mean of the blocks' effective pressures: "
-        + _layer_words(hardest_layers["p_eff as printed"])
-        + " in the convention of the tables, "
-        + _layer_words(hardest_layers["p_eff full traction"])
-        + " with the full traction"
-        + "; of the largest block maxima: "
-        + _layer_words(hardest_layers["p_max as printed"]),
+        f"{_layer_words(hardest_layers['p_eff as printed'])} in the convention of the tables, "
+        f"{_layer_words(hardest_layers['p_eff full traction'])} with the full traction; of the "
+        f"largest block maxima: {_layer_words(hardest_layers['p_max as printed'])}",
         **hardest_layers,
     )
 
@@ -478,9 +465,8 @@ def _no_explosion(evidence: PaperEvidence) -> ClaimVerdict:
     }
     return claim_verdict(
         gap_rates["TSB1"] < -1e-3 and gap_rates["TSB2"] < -1e-3 and gap_rates["THB0"] > -1e-3,
-        "all blocks move outward by 1: smallest gap rate / largest = "
-        + ", ".join(f"{v:.3f} ({k})" for k, v in gap_rates.items())
-        + "; below 0: blocks collide",
+        f"all blocks move outward by 1: smallest gap rate / largest = {listed(gap_rates, '{:.3f}')}"
+        "; below 0: blocks collide",
         smallest_gap_rate=gap_rates,
     )
 
