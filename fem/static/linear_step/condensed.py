@@ -23,7 +23,7 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from functools import partial
 from itertools import pairwise
 
 import numpy as np
@@ -48,7 +48,7 @@ from fem.static.linear_step.flexibility import (
     content_of,
     flexibility_of,
 )
-from fem.static.linear_step.linearisation import Linearisation, UnheldBlocksError
+from fem.static.linear_step.linearisation import Linearisation, RetainedNodes, UnheldBlocksError
 from fem.static.linear_step.pairs import NodePairs
 from fem.static.linear_step.row_laws import Bound, PairLaw, PointLaw, point_law
 from fem.system.system import NodalInverse, System, at_share
@@ -66,7 +66,7 @@ _MIXED = 2_654_435_761
 _FORCE_COPIES, _KEPT_COPIES, _NODE_COPIES = 4.5, 2.0, 4.0
 
 
-class CondensedStep:
+class CondensedStep(RetainedNodes):
     """Solves the linear problem in contact forces, with one flexibility per kind of block."""
 
     def __init__(
@@ -80,8 +80,12 @@ class CondensedStep:
         self._is_free = np.zeros(3 * system.n_nodes, dtype=np.bool_)
         self._is_free[free] = True
         self._kind_of, self._kinds = self._make_kinds()
+        super().__init__(system, [self._kinds[k].condensed for k in self._kind_of])
         self._span = self._chain.spans([self._kinds[k].rigid.shape[1] for k in self._kind_of])
-        self._reduce_loads()
+        self._on_variables = [
+            np.stack([self._to_variables(slot, of) for of in self._loads[:, dofs]])
+            for slot, dofs in enumerate(self._dofs)
+        ]
         self._number_variables()
         self._last: _Assembled | None = None
 
@@ -164,28 +168,11 @@ class CondensedStep:
         axes = csr_array(self._transform[rows][:, rows]) if held else None
         return flexibility_of(self._system.body(slot), condensed, axes, self._is_free[rows])
 
-    def _reduce_loads(self) -> None:
-        """Loads on the retained variables of every slot, and what recovers the others."""
-        system = self._system
-        self._reduced: list[FloatArray] = []
-        self._loads: list[FloatArray] = []
-        for slot in range(system.n_slots):
-            condensed = self._kinds[self._kind_of[slot]].condensed
-            forces = system.loads[:, system.nodes_of(slot)]
-            on_retained, reduced = condensed.condense_forces(forces)
-            self._loads.append(np.stack([self._to_variables(slot, of) for of in on_retained]))
-            self._reduced.append(reduced.T)
-
-    def _retained(self, slot: int) -> IntArray:
-        """Degrees of freedom of a slot's retained nodes in the numbering of the system."""
-        kind = self._kinds[self._kind_of[slot]]
-        return kind.condensed.degrees_of_freedom + 3 * int(self._system.node_start[slot])
-
     def _to_variables(self, slot: int, vector: FloatArray) -> FloatArray:
         """Tᵀ on the retained variables of a slot."""
         if not len(self._system.held.nodes):
             return vector
-        dofs = self._retained(slot)
+        dofs = self._dofs[slot]
         return self._transform[dofs][:, dofs].T @ vector
 
     def _number_variables(self) -> None:
@@ -193,7 +180,7 @@ class CondensedStep:
         sizes = [len(self._kinds[k].free) for k in self._kind_of]
         self._start = np.concatenate([[0], np.cumsum(sizes)]).astype(np.int64)
         columns = [
-            self._retained(slot)[self._kinds[self._kind_of[slot]].free]
+            self._dofs[slot][self._kinds[self._kind_of[slot]].free]
             for slot in range(self._system.n_slots)
         ]
         self._columns = np.concatenate(columns)
@@ -208,10 +195,10 @@ class CondensedStep:
         forces = []
         for slot in range(self._system.n_slots):
             kind = self._kind(slot)
-            given = value[self._retained(slot)]
-            force = at_share(self._loads[slot], load_factor)
+            given = value[self._dofs[slot]]
+            force = at_share(self._on_variables[slot], load_factor)
             if turned is not None:
-                on_retained = turned.ravel()[self._retained(slot)]
+                on_retained = turned.ravel()[self._dofs[slot]]
                 force = force + self._to_variables(slot, on_retained)
             if given.any():
                 force = force - kind.stiffness @ given
@@ -250,7 +237,7 @@ class CondensedStep:
         def apply(force: FloatArray) -> FloatArray:
             loads = []
             for slot in range(self._system.n_slots):
-                on_retained = force.ravel()[self._retained(slot)]
+                on_retained = force.ravel()[self._dofs[slot]]
                 loads.append(self._to_variables(slot, on_retained)[self._kind(slot).free])
             responses = [self._kind(s).inverse @ f for s, f in enumerate(loads)]
             motions = [-self._kind(s).rigid.T @ f for s, f in enumerate(loads)]
@@ -354,7 +341,7 @@ class CondensedStep:
     def _motion(self, slot: int, displacement: FloatArray) -> FloatArray:
         """Rigid part α of a displacement of a slot."""
         kind = self._kind(slot)
-        vector = self._to_variables(slot, displacement.ravel()[self._retained(slot)])
+        vector = self._to_variables(slot, displacement.ravel()[self._dofs[slot]])
         return np.asarray(
             np.linalg.lstsq(kind.rigid, vector[kind.free], rcond=None)[0], dtype=np.float64
         )
@@ -373,55 +360,20 @@ class CondensedStep:
             kind = self._kind(slot)
             pushed = responses[slot] - kind.inverse @ (row.gradient.T @ forces[row.points])
             moved = pushed + kind.rigid @ motions[slot]
-            variables[self._retained(slot)[kind.free]] = moved
+            variables[self._dofs[slot][kind.free]] = moved
         if len(self._system.held.nodes):
             variables = self._transform @ variables
         return variables.reshape(-1, 3)
 
     def internal_force(self, displacement: FloatArray) -> FloatArray:
         """S u of the contact nodes, zero at inner nodes; (n_nodes, 3) [N]."""
-        result = np.zeros(3 * self._system.n_nodes)
-        flat = displacement.ravel()
-        for slot in range(self._system.n_slots):
-            dofs, kind = self._retained(slot), self._kind(slot)
-            local = flat[dofs]
-            if len(kind.free) == len(dofs):
+        flat = displacement.ravel().copy()
+        for slot, dofs in enumerate(self._dofs):
+            rigid = self._kind(slot).rigid
+            if len(rigid) == len(dofs):
                 # A rigid motion costs no force; taking it out first keeps its rounding out too.
-                local = local - kind.rigid @ np.linalg.lstsq(kind.rigid, local, rcond=None)[0]
-            result[dofs] = kind.condensed.stiffness @ local
-            count(Operation.ENTRY, kind.condensed.stiffness.size)
-        return result.reshape(-1, 3)
-
-    @cached_property
-    def _on_nodes(self) -> FloatArray:
-        """Loads condensed on the contact nodes, zero at inner nodes; (1 or 2, 3 n_nodes) [N]."""
-        result = np.zeros((len(self._system.loads), 3 * self._system.n_nodes))
-        for slot, loads in enumerate(self._loads):
-            dofs = self._retained(slot)
-            result[:, dofs] = (self._transform[dofs][:, dofs] @ loads.T).T
-        return result
-
-    def load(self, share: float) -> FloatArray:
-        """Loads condensed on the contact nodes, zero at inner nodes; (n_nodes, 3) [N]."""
-        return at_share(self._on_nodes, share).reshape(-1, 3)
-
-    def kept(self, displacement: FloatArray) -> FloatArray:
-        """Displacements of the contact nodes, zero at the others; (n_nodes, 3) [mm]."""
-        result, flat = np.zeros(displacement.size), displacement.ravel()
-        for slot in range(self._system.n_slots):
-            dofs = self._retained(slot)
-            result[dofs] = flat[dofs]
-        return result.reshape(-1, 3)
-
-    def complete(self, displacement: FloatArray, share: float) -> FloatArray:
-        """Displacements of all nodes from those of the contact nodes, (n_nodes, 3) [mm]."""
-        result = np.empty_like(displacement)
-        for slot in range(self._system.n_slots):
-            condensed = self._kind(slot).condensed
-            on_retained = displacement.ravel()[self._retained(slot)][None]
-            reduced = at_share(self._reduced[slot], share)[:, None]
-            result[self._system.nodes_of(slot)] = condensed.recover(on_retained, reduced)[0]
-        return result
+                flat[dofs] -= rigid @ np.linalg.lstsq(rigid, flat[dofs], rcond=None)[0]
+        return super().internal_force(flat.reshape(-1, 3))
 
 
 @dataclass(frozen=True)

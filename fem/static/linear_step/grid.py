@@ -35,9 +35,14 @@ from fem.static.linear_step.block_tridiagonal import (
     factor_chain,
 )
 from fem.static.linear_step.grid_block import GridBlock, PointFlexibility, grid_block
-from fem.static.linear_step.linearisation import Linearisation, StaticError, UnheldBlocksError
+from fem.static.linear_step.linearisation import (
+    Linearisation,
+    LinearStep,
+    StaticError,
+    UnheldBlocksError,
+)
 from fem.static.turning import Turned, TurningNormals
-from fem.system.system import NodalInverse, System, at_share
+from fem.system.system import NodalInverse, System
 from geometry.mesh import BoolArray, FloatArray, IntArray
 
 #: Contact is soft below this share of the stiffness of a block, Young's modulus over its size, …
@@ -105,7 +110,7 @@ class _Part:
     """Whether the block is the first or the second one of its facets."""
 
 
-class GridStep:
+class GridStep(LinearStep):
     """A `LinearStep` in the forces of contact points; it keeps the displacements of all nodes.
 
     The points asked for at first are those that are stiff at a ``start``, displacements near the
@@ -115,7 +120,7 @@ class GridStep:
     def __init__(
         self, system: System, grids: tuple[GridBlock, ...], start: FloatArray | None = None
     ) -> None:
-        self._system = system
+        super().__init__(system)
         self._grids = [grids[int(system.group_of[block])] for block in system.blocks]
         self._place_points()
         self._softest, asked = 0.0, np.ones(self._n, dtype=np.bool_)
@@ -379,21 +384,3 @@ class GridStep:
         """R α of motions (n_slots, 6), (n_nodes, 3) [mm]."""
         each = zip(self._grids, motions, strict=True)
         return self._to_nodes([grid.rigid @ motion for grid, motion in each])
-
-    # ---- what all steps have
-
-    def internal_force(self, displacement: FloatArray) -> FloatArray:
-        """K u, (n_nodes, 3) [N]."""
-        return self._system.internal_force(displacement)
-
-    def load(self, share: float) -> FloatArray:
-        """Loads at a share of a path, (n_nodes, 3) [N]."""
-        return at_share(self._system.loads, share)
-
-    def kept(self, displacement: FloatArray) -> FloatArray:
-        """Displacements of all nodes."""
-        return displacement
-
-    def complete(self, displacement: FloatArray, share: float) -> FloatArray:  # noqa: ARG002
-        """Displacements of all nodes: they are there already."""
-        return displacement

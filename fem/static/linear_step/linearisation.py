@@ -6,18 +6,20 @@ which gives the same answers and takes several times longer on solids.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Sequence
 from copy import copy
 from dataclasses import dataclass, replace
 from enum import StrEnum
 from functools import cache
 from importlib import import_module, util
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from scipy.sparse import bsr_array, csc_array, csr_array, csr_matrix, diags_array, triu
 from scipy.sparse.linalg import SuperLU, splu
 
+from fem.static.linear_step.condensation import CondensedBlock
 from fem.system.system import NodalInverse, System, at_share
 from geometry.errors import RefusedError
 from geometry.machine.work import Operation, count, hold_memory, memory_limit, require_memory
@@ -222,39 +224,104 @@ def coarsened(linear: Linearisation) -> Linearisation:
     return replace(linear, weights=weights, **means)
 
 
-class LinearStep(Protocol):
-    """Solves the linear problem of one iteration."""
+class LinearStep(ABC):
+    """Solves the linear problem of one iteration, in the displacements of all nodes."""
 
+    def __init__(self, system: System) -> None:
+        self._system = system
+
+    @abstractmethod
     def __call__(
         self, linear: Linearisation, before: FloatArray, holding: float = 0.0
     ) -> FloatArray:
         """Displacements (n_nodes, 3) [mm]; inner nodes may be left out.
 
         ``holding`` [N/mm] holds each block to where it was ``before``.
+
+        Raises
+        ------
+        UnheldBlocksError
+            Blocks that nothing holds.
         """
 
+    @abstractmethod
     def inverse(self, linear: Linearisation, holding: float = 0.0) -> NodalInverse:
-        """Inverse of K + Σ w k ∂x/∂u ∂x/∂uᵀ, zero on prescribed components."""
+        """Inverse of K + Σ w k ∂x/∂u ∂x/∂uᵀ, zero on prescribed components.
+
+        Raises
+        ------
+        UnheldBlocksError
+            Blocks that nothing holds.
+        """
 
     def internal_force(self, displacement: FloatArray) -> FloatArray:
         """K u, condensed where inner nodes are left out, (n_nodes, 3) [N]."""
+        return self._system.internal_force(displacement)
 
     def load(self, share: float) -> FloatArray:
         """Loads at a share of a path, condensed if inner nodes are left out, (n_nodes, 3) [N]."""
+        return at_share(self._system.loads, share)
 
     def kept(self, displacement: FloatArray) -> FloatArray:
         """Displacements, zero where inner nodes are left out, (n_nodes, 3) [mm]."""
+        return displacement
+
+    def complete(self, displacement: FloatArray, share: float) -> FloatArray:  # noqa: ARG002
+        """Displacements of all nodes under the loads at a share of a path, (n_nodes, 3) [mm]."""
+        return displacement
+
+
+class RetainedNodes(LinearStep):
+    """A step in the displacements of some nodes; those inside of blocks follow from them."""
+
+    def __init__(self, system: System, blocks: Sequence[CondensedBlock]) -> None:
+        """Take the condensed block of each slot."""
+        self._system, self._blocks = system, blocks
+        self._dofs = [
+            block.degrees_of_freedom + 3 * start
+            for block, start in zip(blocks, system.node_start.tolist(), strict=False)
+        ]
+        self._loads = np.zeros((len(system.loads), 3 * system.n_nodes))
+        self._inner = []
+        for slot, (block, dofs) in enumerate(zip(blocks, self._dofs, strict=True)):
+            self._loads[:, dofs], inner = block.condense_forces(
+                system.loads[:, system.nodes_of(slot)]
+            )
+            self._inner.append(inner.T)
+
+    def internal_force(self, displacement: FloatArray) -> FloatArray:
+        """S u of the retained nodes, zero at inner nodes; (n_nodes, 3) [N]."""
+        result, moved = np.zeros(displacement.size), displacement.ravel()
+        for block, dofs in zip(self._blocks, self._dofs, strict=True):
+            result[dofs] = block.stiffness @ moved[dofs]
+            count(Operation.ENTRY, block.stiffness.size)
+        return result.reshape(-1, 3)
+
+    def load(self, share: float) -> FloatArray:
+        """Loads condensed on the retained nodes, zero at inner nodes; (n_nodes, 3) [N]."""
+        return at_share(self._loads, share).reshape(-1, 3)
+
+    def kept(self, displacement: FloatArray) -> FloatArray:
+        """Displacements, zero at inner nodes, (n_nodes, 3) [mm]."""
+        result, flat = np.zeros(displacement.size), displacement.ravel()
+        for dofs in self._dofs:
+            result[dofs] = flat[dofs]
+        return result.reshape(-1, 3)
 
     def complete(self, displacement: FloatArray, share: float) -> FloatArray:
-        """Displacements of all nodes under the loads at a share of a path, (n_nodes, 3) [mm]."""
+        """Displacements of all nodes from those of the retained ones, (n_nodes, 3) [mm]."""
+        parts = [
+            block.recover(displacement.ravel()[dofs][None], at_share(inner, share)[:, None])[0]
+            for block, dofs, inner in zip(self._blocks, self._dofs, self._inner, strict=True)
+        ]
+        return np.concatenate(parts)
 
 
-class SparseStep:
+class SparseStep(LinearStep):
     """Assembles everything into one sparse matrix: the plain method, the oracle of the others."""
 
     def __init__(self, system: System, solver: SparseSolver | None = None) -> None:
-        self._system = system
-        self._solver = solver
+        self._system, self._solver = system, solver
         self._transform, self._free = system.held.transform(system.n_nodes)
         self._stiffness, self._springs = (
             csr_array(self._transform.T @ of @ self._transform) if len(system.held.nodes) else of
@@ -285,13 +352,7 @@ class SparseStep:
         return (self._transform @ solution).reshape(-1, 3)
 
     def inverse(self, linear: Linearisation, holding: float = 0.0) -> NodalInverse:
-        """Inverse of K + Σ w k ∂x/∂u ∂x/∂uᵀ, zero on prescribed components.
-
-        Raises
-        ------
-        UnheldBlocksError
-            A singular matrix.
-        """
+        """Inverse of K + Σ w k ∂x/∂u ∂x/∂uᵀ, zero on prescribed components."""
         matrix = self._matrix(linear, *self._pressing(linear), holding)
         solve = self._factor(matrix, symmetric=linear.symmetric)
 
@@ -329,19 +390,3 @@ class SparseStep:
             return factorize(kept, self._solver) if symmetric else _superlu(kept)
         except SparseSolverError as error:
             raise UnheldBlocksError(str(error), ()) from None
-
-    def internal_force(self, displacement: FloatArray) -> FloatArray:
-        """K u, (n_nodes, 3) [N]."""
-        return self._system.internal_force(displacement)
-
-    def load(self, share: float) -> FloatArray:
-        """Loads at a share of a path, (n_nodes, 3) [N]."""
-        return at_share(self._system.loads, share)
-
-    def kept(self, displacement: FloatArray) -> FloatArray:
-        """Displacements of all nodes."""
-        return displacement
-
-    def complete(self, displacement: FloatArray, share: float) -> FloatArray:  # noqa: ARG002
-        """Displacements of all nodes: they are there already."""
-        return displacement

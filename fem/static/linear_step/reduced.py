@@ -11,34 +11,21 @@ from scipy.sparse import coo_array, csr_array
 
 from fem.static.linear_step.condensation import CondensedBlock
 from fem.static.linear_step.flexibility import FlexibilityStore
-from fem.static.linear_step.linearisation import SparseSolver, SparseStep
+from fem.static.linear_step.linearisation import RetainedNodes, SparseSolver, SparseStep
 from fem.system.body import Body
-from fem.system.system import System, at_share
-from geometry.machine.work import Operation, count
+from fem.system.system import System
 from geometry.mesh import FloatArray, IntArray
 
 
-class ReducedStep(SparseStep):
+class ReducedStep(RetainedNodes, SparseStep):
     """Assembles condensed blocks into one sparse matrix."""
 
     def __init__(
         self, system: System, store: FlexibilityStore, solver: SparseSolver | None = None
     ) -> None:
-        self._blocks = _condensed(system, store)
-        starts = 3 * system.node_start
-        self._dofs = [
-            block.degrees_of_freedom + start
-            for block, start in zip(self._blocks, starts, strict=False)
-        ]
-        super().__init__(system, solver)
-        self._retained = np.concatenate(self._dofs)
-        self._free = np.intersect1d(self._free, self._retained)
-        self._loads = np.zeros((len(system.loads), 3 * system.n_nodes))
-        self._inner = []
-        for slot, (block, dofs) in enumerate(zip(self._blocks, self._dofs, strict=True)):
-            loads, inner = block.condense_forces(system.loads[:, system.nodes_of(slot)])
-            self._loads[:, dofs] = loads
-            self._inner.append(inner.T)
+        RetainedNodes.__init__(self, system, _condensed(system, store))
+        SparseStep.__init__(self, system, solver)
+        self._free = np.intersect1d(self._free, np.concatenate(self._dofs))
 
     def _assembled(self) -> tuple[csr_array, csr_array]:
         size = 3 * self._system.n_nodes
@@ -51,32 +38,6 @@ class ReducedStep(SparseStep):
 
         springs = joined([block.springs for block in self._blocks])
         return joined([block.stiffness for block in self._blocks]), springs
-
-    def internal_force(self, displacement: FloatArray) -> FloatArray:
-        """S u of the retained nodes, zero at inner nodes; (n_nodes, 3) [N]."""
-        result, moved = np.zeros(displacement.size), displacement.ravel()
-        for block, dofs in zip(self._blocks, self._dofs, strict=True):
-            result[dofs] = block.stiffness @ moved[dofs]
-            count(Operation.ENTRY, block.stiffness.size)
-        return result.reshape(-1, 3)
-
-    def load(self, share: float) -> FloatArray:
-        """Loads condensed on the retained nodes, zero at inner nodes; (n_nodes, 3) [N]."""
-        return at_share(self._loads, share).reshape(-1, 3)
-
-    def kept(self, displacement: FloatArray) -> FloatArray:
-        """Displacements, zero at inner nodes, (n_nodes, 3) [mm]."""
-        result = np.zeros_like(displacement)
-        result.ravel()[self._retained] = displacement.ravel()[self._retained]
-        return result
-
-    def complete(self, displacement: FloatArray, share: float) -> FloatArray:
-        """Displacements of all nodes from those of the retained ones, (n_nodes, 3) [mm]."""
-        parts = [
-            block.recover(displacement.ravel()[dofs][None], at_share(inner, share)[:, None])[0]
-            for block, dofs, inner in zip(self._blocks, self._dofs, self._inner, strict=True)
-        ]
-        return np.concatenate(parts)
 
 
 def is_smaller(system: System) -> bool:
