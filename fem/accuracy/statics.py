@@ -370,11 +370,11 @@ def _write_frames(
 
     With friction, and where supports move, there may be fewer: the answer does not depend on them.
     """
-    from fem.explicit.solve import Frame
-
     on_frame, path = follower.on_frame, [*state.evidence.path, state]
     if count == 0 or on_frame is None:
         return
+    from fem.explicit.solve import Frame
+
     if len(path) < count - 1 and state.friction is None and state.time is None:
         in_parts = replace(options, load_steps=count - 1, load_tolerance=None)
         path = [*static_state(state.deformable, in_parts).evidence.path, state]
