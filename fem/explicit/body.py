@@ -7,7 +7,6 @@ share one stiffness. World vectors are R times these.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING
@@ -218,12 +217,10 @@ class LaneBody:
         return self.rows.n_nodes
 
 
-def make_body(
-    stated: TimedSystem, number: int, *, touched_nodes: Sequence[IntArray] = ()
-) -> LaneBody:
+def make_body(stated: TimedSystem, number: int, touched_nodes: IntArray | None) -> LaneBody:
     """Prepare body ``number`` of a run.
 
-    ``touched_nodes`` are further nodes on which forces will be applied (contact).
+    ``touched_nodes`` are further nodes on which forces will be applied (contact); None: none.
     """
     group, effects = stated.bodies[number], stated.effects
     lanes = padded_lanes(group.n_copies)
@@ -231,11 +228,8 @@ def make_body(
     numbers = stated.numbers(number)
     forces = [load.on(numbers) for load in stated.system.forces]
     loads = [load for load in forces if len(load.row)]
-    touched = np.unique(
-        np.concatenate(
-            [np.empty(0, np.int64), *touched_nodes, *(load.row % group.n_nodes for load in loads)]
-        )
-    ).astype(np.int64)
+    more = np.empty(0, np.int64) if touched_nodes is None else touched_nodes
+    touched = np.unique(np.concatenate([more, *(load.row % group.n_nodes for load in loads)]))
     applied = _applied_rows(rows, touched)
     centroid = group.lumped_mass @ group.mesh.nodes / group.lumped_mass.sum()
     hourglass = group.hourglass_stiffness

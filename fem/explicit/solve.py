@@ -182,8 +182,8 @@ class Run:
     forces, less loads, weight and supports."""
     searched: SearchedPoints | None = None
     """Points of contact at `time`, of the blocks that are computed; None: matched facets."""
-    slips: FloatArray | None = None
-    """Their elastic slips (`fem.explicit.step.Interaction.contact`); None without friction."""
+    friction: FloatArray | None = None
+    """On block s at all points, world axes, (n_facets, n_points, 3) [MPa]; None without."""
     pushed: tuple[PushCurve, ...] = ()
     """Force against displacement of each support that moves, at the samples of this process."""
     compile_seconds: float = 0.0
@@ -562,6 +562,7 @@ def _round_off_energy(result: Run) -> float:
 def _forces_at_end(loop: Loop) -> dict[str, Any]:
     """Forces of the displacements that a loop has, from the step that they begin."""
     time, before = loop.time, [body.now.velocity.copy() for body in loop.bodies]
+    moved = loop.stated.in_system(displacements_of(loop))
     step(loop)
     contact, supports = [], []
     for body, velocity in zip(loop.bodies, before, strict=True):
@@ -574,13 +575,12 @@ def _forces_at_end(loop: Loop) -> dict[str, Any]:
         held = unbalanced - free_part(body, unbalanced)
         supports.append(world_vectors(body, held))
         contact.append(world_vectors(body, inner - load_forces(body, time) - held))
-    touching = [i.contact() for i in loop.interactions]
-    searched, slips = touching[0] if touching else (None, None)
+    searched, friction = loop.interactions[0].contact(moved) if loop.interactions else (None, None)
     return {
         "support_forces": tuple(supports) if len(loop.stated.system.supports.row) else (),
         "contact_forces": tuple(contact),
         "searched": searched,
-        "slips": slips,
+        "friction": friction,
     }
 
 

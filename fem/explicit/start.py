@@ -8,9 +8,12 @@ import numba
 import numpy as np
 
 from fem.explicit.body import LaneBody, make_body
+from fem.explicit.contact.paired import FaceContact
+from fem.explicit.contact.sliding import SlidingContact
 from fem.explicit.damping import applied_forces
 from fem.explicit.kernels import PARALLEL, SERIAL
-from fem.explicit.state import BodyState, Loop, initial_body_state
+from fem.explicit.setup.cell_hold import CellHold, cell_motions
+from fem.explicit.state import BodyState, Interaction, Loop, initial_body_state
 from fem.explicit.step import (
     gravity_at,
     placed_internal_force,
@@ -49,17 +52,27 @@ def prepare(
         raise TimeStepError(f"threads: got {threads}, expected at least 1")
     if threads > 1:
         numba.set_num_threads(min(threads, numba.config.NUMBA_NUM_THREADS))
-    n, effects = len(stated.bodies), stated.effects
+    n, effects, system = len(stated.bodies), stated.effects, stated.system
+    held = cell_motions(stated) if system.meets else None
+    touched = [np.flatnonzero(areas) for areas in stated.contact_areas]
+    if held is not None:
+        touched = [
+            np.union1d(nodes, np.flatnonzero(motions.any(axis=(0, 1, 3))))
+            for nodes, motions in zip(touched, held[1], strict=True)
+        ]
     bodies = tuple(
-        make_body(stated, k, touched_nodes=[i.touched_nodes(k) for i in stated.interactions])
-        for k in range(n)
+        make_body(stated, k, touched_nodes=touched[k] if touched else None) for k in range(n)
     )
+    contact = SlidingContact if system.contact.finite_sliding else FaceContact
+    interactions: list[Interaction] = [contact(stated, bodies)] if system.meets else []
+    if held is not None:
+        interactions.append(CellHold(*held, bodies))
     loop = Loop(
         stated=stated,
         bodies=bodies,
         time_step=time_step,
         kernels=SERIAL if threads == 1 else PARALLEL,
-        interactions=tuple(i.bind(bodies) for i in stated.interactions),
+        interactions=tuple(interactions),
         mass_damping=0.0 if effects.adaptive_mass_damping is not None else effects.mass_damping,
     )
     moved = [None] * n if displacements is None else displacements

@@ -139,10 +139,7 @@ class BodyState:
 
 
 class Interaction(ABC):
-    """Forces between blocks (contact), one more term of the step; may hold work arrays of its own.
-
-    Made by `fem.system.time_step.InteractionModel.bind`.
-    """
+    """Forces between blocks (contact), one more term of the step; has arrays of its own."""
 
     @abstractmethod
     def add_force(self, loop: Loop) -> None:
@@ -160,8 +157,12 @@ class Interaction(ABC):
         """Energy dissipated up to the last force evaluation [N mm]."""
         return 0.0
 
-    def contact(self) -> tuple[SearchedPoints | None, FloatArray | None]:
-        """Points that a search found, and elastic slips, of the last force evaluation; or None."""
+    def contact(self, moved: FloatArray) -> tuple[SearchedPoints | None, FloatArray | None]:  # noqa: ARG002 - most have none
+        """Points that a search found, and friction on block s, of the last force evaluation.
+
+        At ``moved``, displacements of the nodes of the system, (n_nodes, 3) [mm]. Friction is that
+        of all points, world axes, (n_facets, n_points, 3) [MPa]; None: absent.
+        """
         return None, None
 
     def fault(self, loop: Loop) -> str | None:  # noqa: ARG002 - most have none

@@ -8,11 +8,13 @@ from functools import cached_property
 
 import numpy as np
 
-from fem.contact.law import COUNTED_PRESSURE
+from fem.contact.law import COUNTED_PRESSURE, counted_stiffness
+from fem.contact.search import corner_area_vectors
 from fem.system.body import Body, ModelError, refuse_turning_springs
+from fem.system.contact_state import block_surfaces
 from fem.system.effects import Effects
 from fem.system.system import System, unresisted_motions
-from fem.system.time_step import CriticalTimeStep, InteractionModel, critical_time_step
+from fem.system.time_step import CriticalTimeStep, critical_time_step
 from geometry.mesh import FloatArray, IntArray
 
 
@@ -46,8 +48,6 @@ class TimedSystem:
     """Representative blocks of each body in the order in which the loop has their copies."""
     effects: Effects
     """Damping, viscosity, rotation, gravity."""
-    interactions: tuple[InteractionModel, ...] = ()
-    """Contact; empty where blocks do not meet."""
     recommended: RecommendedTimes | None = None
     """Times recommended by the lowest excited frequency; None for single bodies."""
     ramp_time: float = 0.0
@@ -57,6 +57,8 @@ class TimedSystem:
     counted_pressure: float = COUNTED_PRESSURE
     """Pressure whose contact stiffness the critical time step counts in where no cap is
     below it [MPa]."""
+    stick: float = 1.0
+    """With friction, stiffness of points that stick [MPa/mm]."""
     velocities: tuple[FloatArray, ...] | None = None
     """Of the bodies at time 0, (n_copies, n_nodes, 3) [mm/s]; None: at rest."""
     settled_after: float = 0.0
@@ -73,7 +75,35 @@ class TimedSystem:
     @cached_property
     def critical(self) -> CriticalTimeStep:
         """The largest stable step."""
-        return critical_time_step(self.bodies, self.effects, self.interactions)
+        counted = [self.counted_stiffness * areas for areas in self.contact_areas]
+        return critical_time_step(self.bodies, self.effects, counted)
+
+    @property
+    def counted_stiffness(self) -> float:
+        """Stiffness of the contact law that the critical time step counts in [MPa/mm]."""
+        return counted_stiffness(self.system.contact.law, self.counted_pressure)
+
+    @cached_property
+    def contact_areas(self) -> tuple[FloatArray, ...]:
+        """Contact area at each node of each body, (n_nodes,) [mm²]; () where blocks do not meet.
+
+        Of the copy that has most, times the number of sides that move. Contact springs of stiffness
+        w k between points of two blocks have K_ab = w k c_a c_b n nᵀ with |c_a| = N_a and Σ N = 1
+        on each side: row sums bound them by the diagonal w k N_a times that number.
+        """
+        if not self.system.meets:
+            return ()
+        if self.system.contact.finite_sliding:
+            return _areas_of_surfaces(self.system)
+        return _areas_of_facets(self.system)
+
+    @property
+    def copy_of(self) -> IntArray:
+        """Copy in the loop that moves as each block does; -1 of rigid ones, (n_blocks,)."""
+        copy = np.full(self.system.assembly.n_blocks, -1)
+        for mine in self.blocks:
+            copy[mine] = np.arange(len(mine))
+        return copy[self.system.orbits.representative]
 
     @cached_property
     def bodies(self) -> tuple[Body, ...]:
@@ -131,3 +161,31 @@ class TimedSystem:
                 slot = int(self.system.slot_of[block])
                 result[self.system.nodes_of(slot)] = world @ turns[block]
         return result
+
+
+def _areas_of_facets(system: System) -> tuple[FloatArray, ...]:
+    """`TimedSystem.contact_areas` of matched facets."""
+    points = system.points
+    sides = np.stack([points.block_m, points.block_s])
+    moving = (system.slot_of[sides] >= 0).sum(axis=0)
+    each = np.einsum("f,fp,fpa->fa", moving, points.weights, np.abs(points.functions))
+    total: FloatArray = np.bincount(points.rows.ravel(), each.ravel(), system.n_nodes + 1)
+    areas = tuple(np.zeros(group.n_nodes) for group in system.bodies)
+    for block in system.deformable_blocks.tolist():
+        largest = areas[system.group_of[block]]
+        np.maximum(largest, total[system.rows[block, : len(largest)]], out=largest)
+    return areas
+
+
+def _areas_of_surfaces(system: System) -> tuple[FloatArray, ...]:
+    """The same of surfaces that a search goes through."""
+    surfaces = block_surfaces(system)
+    moving = min(2, sum(s.group >= 0 for s in surfaces))
+    largest = tuple(np.zeros(body.n_nodes) for body in system.bodies)
+    for surface in surfaces:
+        if surface.group >= 0:
+            area = np.linalg.norm(corner_area_vectors(surface.reference[surface.quads]), axis=1)
+            corners = np.broadcast_to(0.25 * moving * area[:, None], surface.quads.shape)
+            at, most = surface.nodes[surface.quads].ravel(), largest[surface.group]
+            np.maximum(most, np.bincount(at, corners.ravel(), len(most)), out=most)
+    return largest

@@ -90,7 +90,11 @@ def _turns(system: System) -> IntArray:
 
 
 def facing_points(
-    system: System, displacements: tuple[FloatArray, ...] | None = None
+    system: System,
+    displacements: tuple[FloatArray, ...] | None = None,
+    *,
+    copy_of: IntArray | None = None,
+    slight: float = 0.0,
 ) -> FacingPoints:
     """Find what faces what in an assembly.
 
@@ -100,9 +104,14 @@ def facing_points(
         Blocks and contact law; points are those of the blocks that are computed.
     displacements
         Of its bodies, world axes, (n_copies, n_nodes, 3) [mm]; None: before any displacement.
+    copy_of
+        As `block_surfaces`.
+    slight
+        As `FacingPoints`.
     """
-    reach = -system.contact.law.start - system.surfaces.clearance
-    points = FacingPoints(block_surfaces(system), reach=reach, symmetry=system.orbits.order)
+    reach, order = -system.contact.law.start - system.surfaces.clearance, system.orbits.order
+    surfaces = block_surfaces(system, copy_of)
+    points = FacingPoints(surfaces, reach=reach, symmetry=order, slight=slight)
     if displacements is not None:
         points.displace(displacements)
         points.search()

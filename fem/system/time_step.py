@@ -15,7 +15,6 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Protocol
 
 import numpy as np
 from scipy.sparse import bsr_array, csr_array, diags_array
@@ -30,7 +29,7 @@ from fem.element.material import Material
 from fem.system.body import Body, refuse_turning_springs
 from fem.system.effects import Effects
 from geometry.errors import RefusedError
-from geometry.mesh import HEX_FACES, FloatArray, HexMesh, IntArray
+from geometry.mesh import HEX_FACES, FloatArray, HexMesh
 
 
 def characteristic_length(coordinates: FloatArray) -> FloatArray:
@@ -62,19 +61,6 @@ def characteristic_time_step(
     """
     length = characteristic_length(mesh.nodes[mesh.elements]).min()
     return float(length) / material.dilatational_wave_speed * damped_factor(linear_bulk_viscosity)
-
-
-class InteractionModel(Protocol):
-    """Statement of forces between blocks, such as contact; frozen."""
-
-    def touched_nodes(self, group: int) -> IntArray:
-        """Nodes of the group's mesh on which forces may act, (n,)."""
-
-    def nodal_stiffness(self, group: int) -> FloatArray | None:
-        """Stiffness to count on each node for the critical time step, (n_nodes,) [N/mm]."""
-
-    def bind(self, bodies: Any) -> Any:
-        """Prepare the force for the loop: a `fem.explicit.step.Interaction` of its bodies."""
 
 
 class TimeStepError(RefusedError):
@@ -191,10 +177,11 @@ def _damped_step(
 
 
 def critical_time_step(
-    bodies: Sequence[Body], effects: Effects, interactions: Sequence[InteractionModel] = ()
+    bodies: Sequence[Body], effects: Effects, contact: Sequence[FloatArray] = ()
 ) -> CriticalTimeStep:
-    """Critical time step of the most demanding body, interactions counted in.
+    """Critical time step of the most demanding body.
 
+    ``contact`` is the stiffness of contact to count on the nodes of each body, (n_nodes,) [N/mm].
     Springs to the ground are part of the stiffness of their body.
 
     Raises
@@ -206,9 +193,7 @@ def critical_time_step(
         refuse_turning_springs(bodies)
     steps = []
     for number, body in enumerate(bodies):
-        parts = [interaction.nodal_stiffness(number) for interaction in interactions]
-        present = [part for part in parts if part is not None]
-        extra = np.sum(present, axis=0) if present else None
+        extra = contact[number] if contact else None
         steps.append(group_critical_time_step(body, effects, extra_stiffness=extra))
     governing = min(steps, key=lambda s: s.critical_time_step)
     return replace(governing, element_estimate=min(s.element_estimate for s in steps))

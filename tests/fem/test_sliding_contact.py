@@ -8,70 +8,45 @@ import pytest
 from fem import LinearPenalty
 from fem.contact.cuts import closest_point
 from fem.contact.normals import ContactNormals
-from fem.contact.search import BlockSurface, closest_points
+from fem.contact.search import closest_points
 from fem.contact.surfaces import ContactError
 from fem.element.facet import bilinear
-from fem.explicit.contact.sliding import SlidingContact, surface_areas
-from fem.explicit.setup.timed_system import counted_stiffness, timed_system
+from fem.explicit.setup.timed_system import timed_system
 from fem.explicit.start import prepare
 from fem.explicit.state import world_vectors
 from fem.explicit.step import step
-from fem.system.body import placed_body
-from fem.system.effects import Effects
+from geometry import Assembly
 from geometry.block import box_block
-from tests.support.fem_problems import in_contact
-from tests.support.lone_bodies import lone_bodies
+from geometry.loads import LoadCase
+from tests.support.fem_problems import deformable_assembly, in_contact
 from tests.support.sliding_tube import CONCRETE, tube
 
 
-def surface(number, mesh, quads, *, group, at=(0.0, 0.0, 0.0)):
-    """Facets of one block as contact sees them."""
-    nodes, local = np.unique(quads, return_inverse=True)
-    return BlockSurface(
-        block=number,
-        group=group,
-        copy=0,
-        rotation=np.eye(3),
-        nodes=nodes,
-        reference=mesh.nodes[nodes] + at,
-        quads=local.reshape(quads.shape),
-    )
-
-
-def contact(surfaces, groups, law, **options):
-    return SlidingContact(
-        surfaces=tuple(surfaces),
-        areas=surface_areas(tuple(surfaces), tuple(g.n_nodes for g in groups)),
-        law=law,
-        clearance=0.0,
-        counted_stiffness=counted_stiffness(law),
-        **options,
-    )
-
-
-def sliding_block(speed=1000.0, friction=None, law=None):
+def sliding_block(speed=1000.0):
     """A brick on a rigid floor with facets of 10 mm, pressed on it by gravity, moving along x."""
-    law = LinearPenalty(100.0) if law is None else law
-    brick = box_block((20.0, 20.0, 10.0), (3, 3, 1))
-    floor = box_block((100.0, 40.0, 10.0), (10, 4, 1))
     sink = 2.4e-9 * 9810.0 * 10.0 / 100.0
-    place = np.array([5.0, 7.0, 10.0 - sink])
-    groups = (placed_body(brick.mesh, CONCRETE, translations=place[None]),)
-    statement = contact(
-        [
-            surface(0, brick.mesh, brick.faces["z-"], group=0, at=place),
-            surface(1, floor.mesh, floor.faces["z+"], group=-1),
-        ],
-        groups,
-        law,
-        friction=friction,
+    assembly = Assembly(
+        name="a brick on a floor",
+        shapes=(
+            box_block((20.0, 20.0, 10.0), (3, 3, 1), contact_faces=("z-",)),
+            box_block((100.0, 40.0, 10.0), (10, 4, 1), contact_faces=("z+",)),
+        ),
+        shape_of=np.array([0, 1]),
+        rotations=np.tile(np.eye(3), (2, 1, 1)),
+        translations=np.array([[5.0, 7.0, 10.0 - sink], [0.0, 0.0, 0.0]]),
+        layer=np.array([1, 0]),
+        fixed=np.array([False, True]),
+        unmatched_allowed=True,
     )
-    model = lone_bodies(
-        groups,
-        effects=Effects(gravity=np.array([0.0, 0.0, -9810.0])),
-        interactions=(statement,),
+    stated = deformable_assembly(
+        assembly,
+        LoadCase(assembly, "none", (), assembly.fixed),
+        CONCRETE,
+        law=LinearPenalty(100.0),
+        gravity=np.array([0.0, 0.0, -9810.0]),
     )
-    velocity = np.zeros((1, brick.mesh.n_nodes, 3))
+    model = timed_system(in_contact(stated, finite_sliding=True), ramp_time=0.0, end_time=1.0)
+    velocity = np.zeros((1, model.bodies[0].n_nodes, 3))
     velocity[:, :, 0] = speed
     return model, (velocity,)
 

@@ -16,7 +16,6 @@ from fem.system.effects import Effects
 from fem.system.forces import Amplitude, ForceRows
 from fem.system.held import Held, held_at, joined_rows
 from fem.system.system import Contact, System
-from fem.system.time_step import InteractionModel
 from geometry.assembly import Assembly
 from geometry.block import Block
 from geometry.mesh import FloatArray, IntArray
@@ -82,9 +81,8 @@ def lone_bodies(
     supports: Sequence[Support] = (),
     loads: Sequence[Load] = (),
     effects: Effects | None = None,
-    interactions: Sequence[InteractionModel] = (),
 ) -> TimedSystem:
-    """Statement of bodies that meet nothing, or only in ``interactions``."""
+    """Statement of bodies that meet nothing."""
     copies = [np.arange(body.n_copies) for body in bodies]
     body_of = np.repeat(np.arange(len(bodies)), [len(of) for of in copies])
     n = len(body_of)
@@ -110,7 +108,7 @@ def lone_bodies(
         gravity=None if effects is None else effects.gravity,
     )
     blocks = tuple(np.flatnonzero(body_of == number) for number in range(len(bodies)))
-    return TimedSystem(system, blocks, effects or Effects(), tuple(interactions))
+    return TimedSystem(system, blocks, effects or Effects())
 
 
 def with_supports(stated: TimedSystem, *supports: Support) -> TimedSystem:

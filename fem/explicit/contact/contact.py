@@ -2,80 +2,32 @@
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
-from dataclasses import dataclass
+from abc import abstractmethod
 
-import numpy as np
-
-from fem.contact.friction import CoulombFriction, FrictionError, coulomb
-from fem.contact.law import ContactLaw
-from fem.explicit.body import LaneBody
+from fem.contact.friction import coulomb
 from fem.explicit.contact.compiled_law import compiled_law
 from fem.explicit.state import Interaction, Loop
+from fem.explicit.timed import TimedSystem
 from fem.system.time_step import critical_time_step
-from geometry.mesh import FloatArray, IntArray
+from geometry.mesh import IntArray
 
 
-@dataclass(frozen=True, kw_only=True)
-class ExplicitContact(ABC):
-    """Contact of the blocks that are computed."""
+class BlockContact(Interaction):
+    """Contact of the blocks that are computed: arrays of one run."""
 
-    areas: tuple[FloatArray, ...]
-    """Contact area at each node of each group, of the copy that has most, times the number of
-    sides that move, (n_nodes,) [mm²]: `nodal_stiffness` for a law of stiffness one."""
-    law: ContactLaw
-    """Pressure as a function of overclosure."""
-    clearance: float
-    """Added to every gap [mm]."""
-    counted_stiffness: float
-    """Stiffness of the law that the critical time step counts in [MPa/mm]."""
-    friction: CoulombFriction | None = None
-    """Needs current normals; None: absent."""
-
-    def __post_init__(self) -> None:
-        if self.friction is not None and self.stick > self.counted_stiffness:
-            raise FrictionError(
-                f"stick_stiffness: got {self.stick} MPa/mm, expected at most "
-                f"{self.counted_stiffness:.4g}, the contact stiffness "
-                "included in the critical time step"
-            )
+    def __init__(self, stated: TimedSystem) -> None:
+        self._stated, self._clearance = stated, stated.system.surfaces.clearance
+        self._allowed: float | None = None
 
     @property
-    def stick(self) -> float:
-        """Stiffness of points that stick: the most that the time step allows unless stated."""
-        stated = None if self.friction is None else self.friction.stick_stiffness
-        return self.counted_stiffness if stated is None else stated
-
-    def touched_nodes(self, group: int) -> IntArray:
-        """Mesh nodes of the group on which contact may act, (n,)."""
-        return np.flatnonzero(self.areas[group])
-
-    def nodal_stiffness(self, group: int) -> FloatArray:
-        """Stiffness to count on each node for the critical time step, (n_nodes,) [N/mm].
-
-        Contact springs of stiffness w k between points of two blocks have
-        K_ab = w k c_a c_b n nᵀ with |c_a| = N_a and Σ N = 1 on each side: row sums bound them
-        by the diagonal w k N_a times the number of sides that move.
-        """
-        return self.counted_stiffness * self.areas[group]
-
-    @abstractmethod
-    def bind(self, bodies: tuple[LaneBody, ...]) -> BoundContact:
-        """Prepare the force for the loop."""
-
-
-class BoundContact(Interaction):
-    """Arrays of one run."""
-
-    def __init__(self, statement: ExplicitContact) -> None:
-        self._statement = statement
-        self._allowed: float | None = None
+    def _rubs(self) -> bool:
+        return self._stated.system.contact.friction is not None
 
     def _set_constants(self, block_m: IntArray, block_s: IntArray) -> None:
         """Law between blocks m and s of each unit or point, (n,) each, and its constants."""
-        stated = self._statement
-        law = coulomb(stated.law, stated.friction, stated.stick, block_m, block_s)
-        self._law, self._constants = law.normal, compiled_law(law, stated.clearance)
+        stated, contact = self._stated, self._stated.system.contact
+        law = coulomb(contact.law, contact.friction, stated.stick, block_m, block_s)
+        self._law, self._constants = law.normal, compiled_law(law, self._clearance)
 
     @abstractmethod
     def _deepest(self) -> tuple[int, float, int, int] | None:
@@ -83,8 +35,8 @@ class BoundContact(Interaction):
 
     def fault(self, loop: Loop) -> str | None:
         """Where the stiffness of the law exceeds what the time step allows, and the remedy."""
-        counted = self._statement.counted_stiffness
-        laws = self._statement.law.members
+        counted = self._stated.counted_stiffness
+        laws = self._stated.system.contact.law.members
         if all(law.constants.linear_stiffness <= counted for law in laws):
             return None
         deepest = self._deepest()
@@ -105,9 +57,10 @@ class BoundContact(Interaction):
     def _largest_stiffness(self, loop: Loop) -> float:
         """Stiffness of a law that is stable: (ω_bulk² + ω_contact²)/4 = 1/Δt² [MPa/mm]."""
         if self._allowed is None:
-            bulk = critical_time_step(loop.stated.bodies, loop.stated.effects)
+            stated = loop.stated
+            bulk = critical_time_step(stated.bodies, stated.effects)
             square = 4.0 / loop.time_step**2 - 4.0 / bulk.critical_time_step**2
-            groups = zip(self._statement.areas, loop.stated.bodies, strict=True)
+            groups = zip(stated.contact_areas, stated.bodies, strict=True)
             self._allowed = square / max(
                 float((areas / group.lumped_mass).max()) for areas, group in groups
             )

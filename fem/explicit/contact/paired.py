@@ -1,7 +1,7 @@
 """Face-to-face contact as one more force of the explicit step.
 
-`FaceContact` states it (frozen); `bind` makes the arrays of the loop. The formulation is that of
-`fem.contact.surfaces`, the loops are in `fem.explicit.contact.paired_kernel`.
+The formulation is that of `fem.contact.surfaces`, the loops are in
+`fem.explicit.contact.paired_kernel`.
 """
 
 from __future__ import annotations
@@ -11,14 +11,13 @@ from dataclasses import dataclass
 import numba
 import numpy as np
 
-from fem.contact.friction import FrictionError, slip_sides
+from fem.contact.friction import slip_sides
 from fem.contact.normals import ContactNormals
 from fem.contact.search import SearchedPoints
-from fem.contact.surfaces import MatchedFacets
 from fem.element.facet import FACET_CORNERS
 from fem.explicit.body import LaneBody
-from fem.explicit.contact.alike_pairs import WIDEST, AlikePairs, unit_widths
-from fem.explicit.contact.contact import BoundContact, ExplicitContact
+from fem.explicit.contact.alike_pairs import WIDEST, AlikePairs, alike_pairs, unit_widths
+from fem.explicit.contact.contact import BlockContact
 from fem.explicit.contact.paired_kernel import (
     NEVER,
     UnitArrays,
@@ -29,56 +28,35 @@ from fem.explicit.contact.paired_kernel import (
 from fem.explicit.kernels import PARALLEL
 from fem.explicit.kernels.layout import LaneArray, aligned_zeros, equal_work
 from fem.explicit.state import Loop
-from fem.system.system import System
+from fem.explicit.timed import TimedSystem
 from geometry.mesh import FloatArray, IntArray
 
 
-@dataclass(frozen=True, kw_only=True)
-class FaceContact(ExplicitContact):
+class FaceContact(BlockContact):
     """Contact on the conforming interfaces of an assembly."""
 
-    pairs: tuple[AlikePairs, ...]
-    """Interfaces, alike ones together."""
-    normals: ContactNormals
-    """Which normals measure the gap."""
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        if self.friction is not None and self.normals is ContactNormals.REFERENCE:
-            raise FrictionError(
-                "friction: got contact with reference normals, expected current normals"
-            )
-
-    def bind(self, bodies: tuple[LaneBody, ...]) -> BoundContact:
-        """Prepare the force for the loop."""
-        return _BoundFaces(self, bodies)
-
-
-class _BoundFaces(BoundContact):
-    """Arrays of one run."""
-
-    def __init__(self, statement: FaceContact, bodies: tuple[LaneBody, ...]) -> None:
-        super().__init__(statement)
-        self._pairs = statement.pairs
+    def __init__(self, stated: TimedSystem, bodies: tuple[LaneBody, ...]) -> None:
+        super().__init__(stated)
+        self._pairs = alike_pairs(stated.system, stated.copy_of)
         self._blocks = [
             pairs.blocks[start : start + width]
-            for pairs in statement.pairs
+            for pairs in self._pairs
             for start, width in _unit_slices(pairs.n_pairs)
         ]
-        self._data = _unit_arrays(statement.pairs, bodies)
+        self._data = _unit_arrays(self._pairs, bodies)
         # Alike pairs have one law.
-        first = np.array([pairs.blocks[0] for pairs in statement.pairs])[self._data.units[:, 0]]
+        first = np.array([pairs.blocks[0] for pairs in self._pairs])[self._data.units[:, 0]]
         self._set_constants(first[:, 0], first[:, 1])
         self._work = _unit_work(self._data)
         self._widths = _compiled_widths(self._data)
         self._normals = (
-            _reference_normals(statement.pairs)
-            if statement.normals is ContactNormals.REFERENCE
+            _reference_normals(self._pairs)
+            if stated.system.contact.normals is ContactNormals.REFERENCE
             else None
         )
         self._slip: FloatArray | None = None
         self._lost: FloatArray | None = None
-        if statement.friction is not None:
+        if self._rubs:
             self._slip = _no_slip(self._data, self._work)
             self._lost = aligned_zeros((8 * len(self._data.units),))
         self._collections = _collections(self._data, len(self._work.force) // 2, bodies)
@@ -129,21 +107,36 @@ class _BoundFaces(BoundContact):
         first, last = self._data.alike[kind, 1], self._data.alike[kind + 1, 1]
         n = last - first
         gap = self._work.gap[point : point + 4 * n * width].reshape(n, 4, width)[:, :, :real]
-        return gap + self._statement.clearance, self._data.weights[first:last, :, None]
+        return gap + self._clearance, self._data.weights[first:last, :, None]
 
-    def contact(self) -> tuple[SearchedPoints | None, FloatArray | None]:
-        """Elastic slips at the last force evaluation: of all pairs, facets and points, (n, 2) [mm].
+    def contact(self, moved: FloatArray) -> tuple[SearchedPoints | None, FloatArray | None]:
+        """Friction of the facets that are computed; no search has found them."""
+        return None, None if self._slip is None else self._friction(moved, self._slips(self._slip))
 
-        Along `slip_sides` of the mean surface: `paired_frictions`.
-        """
-        if self._slip is None:
-            return None, None
+    def _slips(self, history: FloatArray) -> FloatArray:
+        """Elastic slips of all pairs, facets and points along `slip_sides`, (n, 4, 2) [mm]."""
         slips = []
         for kind, width, real, _, _, point, *_ in self._data.units:
             n = int(self._data.alike[kind + 1, 1] - self._data.alike[kind, 1])
-            slip = self._slip[4 * point : 4 * (point + 4 * n * width)].reshape(n, 4, 4, width)
-            slips.append(slip[:, :, :2, :real].transpose(3, 0, 1, 2).reshape(-1, 2))
-        return None, np.concatenate(slips)
+            slip = history[4 * point : 4 * (point + 4 * n * width)].reshape(n, 4, 4, width)
+            slips.append(slip[:, :, :2, :real].transpose(3, 0, 1, 2).reshape(-1, 4, 2))
+        return np.concatenate(slips)
+
+    def _friction(self, moved: FloatArray, slips: FloatArray) -> FloatArray:
+        points, pairs = self._stated.system.points, self._pairs
+        facets = np.concatenate([alike.facets.ravel() for alike in pairs])
+        begins = np.concatenate([alike.begins.reshape(-1, 4) for alike in pairs])
+        masters = np.concatenate([np.repeat(p.blocks[:, 0], p.n_facets) for p in pairs])
+        tangents = points.frame(points.moved(moved)).tangents[facets]
+        # Corners of the loops begin elsewhere, and the other way where blocks have changed places.
+        turn = 0.25 * np.einsum("fcj,ck->fjk", FACET_CORNERS[begins], FACET_CORNERS)
+        tangents = np.take_along_axis(tangents, begins[:, :, None, None], axis=1)
+        sides = slip_sides(np.einsum("fjk,fpji->fpki", turn, tangents))
+        traction = np.einsum("fpk,fpki->fpi", slips, sides)
+        sign = np.where(masters == points.block_m[facets], -1.0, 1.0) * self._stated.stick
+        result = np.empty((points.n_facets, 4, 3))
+        result[facets[:, None], begins] = sign[:, None, None] * traction
+        return result
 
     def _deepest(self) -> tuple[int, float, int, int]:
         gaps = [self.unit_gaps(unit)[0].min(axis=(0, 1)) for unit in range(len(self._data.units))]
@@ -176,41 +169,7 @@ class _BoundFaces(BoundContact):
         slip = self._slip[4 * point : 4 * (point + 4 * n * width)].reshape(n, 4, 4, width)
         square = (slip[:, :, :2, :real] ** 2).sum(axis=(2, 3))
         weights = self._data.weights[first:last]
-        return 0.5 * self._statement.stick * float((weights * square).sum())
-
-
-def paired_frictions(
-    system: System,
-    contact: FaceContact,
-    displacement: FloatArray,
-    slips: FloatArray,
-) -> FloatArray:
-    """Friction on block s of the facets that are computed, world axes, (n_facets, 4, 3) [MPa].
-
-    Parameters
-    ----------
-    system, contact
-        Those facets, and how the loops have them.
-    displacement
-        Of all nodes, block frames, (n_nodes, 3) [mm].
-    slips
-        Elastic slips of their points (`Interaction.contact`), (n, 2) [mm].
-    """
-    points, pairs = system.points, contact.pairs
-    assert isinstance(points, MatchedFacets)
-    facets = np.concatenate([alike.facets.ravel() for alike in pairs])
-    begins = np.concatenate([alike.begins.reshape(-1, 4) for alike in pairs])
-    masters = np.concatenate([np.repeat(p.blocks[:, 0], p.n_facets) for p in pairs])
-    tangents = points.frame(points.moved(displacement)).tangents[facets]
-    # Corners of the loops begin elsewhere, and where blocks have changed places run the other way.
-    turn = 0.25 * np.einsum("fcj,ck->fjk", FACET_CORNERS[begins], FACET_CORNERS)
-    tangents = np.take_along_axis(tangents, begins[:, :, None, None], axis=1)
-    sides = slip_sides(np.einsum("fjk,fpji->fpki", turn, tangents))
-    traction = np.einsum("fpk,fpki->fpi", slips.reshape(-1, 4, 2), sides)
-    sign = np.where(masters == points.block_m[facets], -1.0, 1.0) * contact.stick
-    result = np.empty((points.n_facets, 4, 3))
-    result[facets[:, None], begins] = sign[:, None, None] * traction
-    return result
+        return 0.5 * self._stated.stick * float((weights * square).sum())
 
 
 def _no_slip(data: UnitArrays, work: UnitWork) -> FloatArray:

@@ -10,21 +10,14 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 
 from fem.contact.friction import slip_sides
-from fem.contact.search import (
-    BlockSurface,
-    FacingPoints,
-    SearchedPoints,
-    corner_area_vectors,
-    points_of_search,
-)
+from fem.contact.search import FacingPoints, SearchedPoints, points_of_search
 from fem.element.facet import facet_functions
 from fem.explicit.body import LaneBody
-from fem.explicit.contact.contact import BoundContact, ExplicitContact
+from fem.explicit.contact.contact import BlockContact
 from fem.explicit.contact.sliding_kernel import (
     add_travel,
     apply_surface,
@@ -33,13 +26,15 @@ from fem.explicit.contact.sliding_kernel import (
 )
 from fem.explicit.kernels.layout import LaneArray
 from fem.explicit.state import Loop
+from fem.explicit.timed import TimedSystem
+from fem.system.contact_state import facing_points
 from geometry.mesh import FloatArray, IntArray
 
 #: Motion of two blocks together after which cuts follow it, over the skin of the search.
 _CUT_SKIN = 1e-2
 
 #: Share of a facet's nodal forces by which the points of a sliver may err: a fifth fewer points.
-_SLIGHT = 1e-7
+SLIGHT = 1e-7
 
 #: Cost of a point over that of one on paired facets.
 _COST = 8.0
@@ -49,41 +44,6 @@ _LOOK = 1024
 
 #: … by this share of the skin: what comes to rest is cut where it rests.
 _AT_REST = 1e-6
-
-
-@dataclass(frozen=True, kw_only=True)
-class SlidingContact(ExplicitContact):
-    """Contact between any facets of different blocks."""
-
-    surfaces: tuple[BlockSurface, ...]
-    """One for each block."""
-    symmetry: int = 1
-    """Order of the sector; 1: every block is computed."""
-
-    @cached_property
-    def at_start(self) -> SearchedPoints:
-        """What faces what before any displacement, in the sector that is computed."""
-        return points_of_search(_points(self), self.clearance)
-
-    def bind(self, bodies: tuple[LaneBody, ...]) -> BoundContact:
-        """Prepare the force for the loop."""
-        return BoundSlidingContact(self, bodies)
-
-
-def surface_areas(
-    surfaces: tuple[BlockSurface, ...], n_nodes: tuple[int, ...]
-) -> tuple[FloatArray, ...]:
-    """`ExplicitContact.areas` of surfaces of groups whose blocks have so many nodes each."""
-    moving = min(2, sum(s.group >= 0 for s in surfaces))
-    largest = tuple(map(np.zeros, n_nodes))
-    for surface in surfaces:
-        if surface.group >= 0:
-            area = np.linalg.norm(corner_area_vectors(surface.reference[surface.quads]), axis=1)
-            corners = np.broadcast_to(0.25 * moving * area[:, None], surface.quads.shape)
-            at = surface.nodes[surface.quads].ravel()
-            total = np.bincount(at, corners.ravel(), n_nodes[surface.group])
-            np.maximum(largest[surface.group], total, out=largest[surface.group])
-    return largest
 
 
 @dataclass(frozen=True)
@@ -100,12 +60,12 @@ class _Group:
     surface_rows: IntArray
 
 
-class BoundSlidingContact(BoundContact):
-    """Arrays of one run."""
+class SlidingContact(BlockContact):
+    """Contact between any facets of different blocks."""
 
-    def __init__(self, statement: SlidingContact, bodies: tuple[LaneBody, ...]) -> None:
-        super().__init__(statement)
-        self.points = _points(statement)
+    def __init__(self, stated: TimedSystem, bodies: tuple[LaneBody, ...]) -> None:
+        super().__init__(stated)
+        self.points = facing_points(stated.system, copy_of=stated.copy_of, slight=SLIGHT)
         points = self.points
         self._force = np.zeros_like(points.position)
         self._groups = [_group(points, g, body) for g, body in enumerate(bodies)]
@@ -115,7 +75,7 @@ class BoundSlidingContact(BoundContact):
         self._counts = np.zeros(2, dtype=np.int64)
         self._known = 0
         self._searched, self._cut = points.position.copy(), points.position.copy()
-        self._dissipated = None if statement.friction is None else np.zeros(1)
+        self._dissipated = np.zeros(1) if self._rubs else None
         self._set_constants_of_points()
         self._take_room()
 
@@ -127,7 +87,7 @@ class BoundSlidingContact(BoundContact):
         """Gaps and elastic slips of as many points as there is room for."""
         room = len(self.points.room.slave)
         self._gap = np.full(room, np.inf)
-        self._slip = None if self._statement.friction is None else np.zeros((room, 3))
+        self._slip = np.zeros((room, 3)) if self._rubs else None
 
     def add_force(self, loop: Loop) -> None:
         """Add contact forces at the current positions to the applied forces."""
@@ -255,7 +215,7 @@ class BoundSlidingContact(BoundContact):
 
     def _gaps(self) -> FloatArray:
         """Gaps of all points, (n,) [mm]."""
-        return self._gap[: self.points.count] + self._statement.clearance
+        return self._gap[: self.points.count] + self._clearance
 
     def touched_points(self) -> float:
         """Points of the present cut, which cost more than paired ones."""
@@ -267,17 +227,19 @@ class BoundSlidingContact(BoundContact):
         stored = float(weights @ self._law.stored_energy(-self._gaps()))
         if self._slip is not None:
             slip = self._slip[: self.points.count, :2]
-            stored += 0.5 * self._statement.stick * float(weights @ (slip**2).sum(axis=1))
+            stored += 0.5 * self._stated.stick * float(weights @ (slip**2).sum(axis=1))
         return stored
 
     def dissipation(self) -> float:
         """Energy dissipated by friction up to the last force evaluation [N mm]."""
         return 0.0 if self._dissipated is None else float(self._dissipated[0])
 
-    def contact(self) -> tuple[SearchedPoints | None, FloatArray | None]:
-        """Points at the last force evaluation, and their elastic slips (n, 3) [mm], world axes."""
-        surfaces = points_of_search(self.points, self._statement.clearance)
-        return surfaces, None if self._slip is None else self._slips()[surfaces.order, :3]
+    def contact(self, moved: FloatArray) -> tuple[SearchedPoints | None, FloatArray | None]:  # noqa: ARG002 - points know where they are
+        """Points at the last force evaluation, and their friction."""
+        points = points_of_search(self.points, self._clearance)
+        if self._slip is None:
+            return points, None
+        return points, -self._stated.stick * self._slips()[points.order, None, :3]
 
     def _deepest(self) -> tuple[int, float, int, int] | None:
         if not self.points.count:
@@ -300,15 +262,6 @@ class BoundSlidingContact(BoundContact):
         if self._slip is not None and self._dissipated is not None:
             result |= {"slip": self._slip, "dissipated": self._dissipated}
         return result
-
-
-def _points(statement: SlidingContact) -> FacingPoints:
-    return FacingPoints(
-        tuple(sorted(statement.surfaces, key=lambda s: s.group)),
-        reach=-statement.law.start - statement.clearance,
-        symmetry=statement.symmetry,
-        slight=_SLIGHT,
-    )
 
 
 def _group(points: FacingPoints, number: int, body: LaneBody) -> _Group:

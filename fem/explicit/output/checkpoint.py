@@ -181,8 +181,12 @@ def fingerprint(loop: Loop) -> str:
     """Hash of everything that decides the bits of a run."""
     digest = hashlib.sha256()
     stated = loop.stated
-    _hash(digest, [stated.bodies, stated.blocks, stated.effects, stated.interactions])
-    _hash(digest, [stated.system.supports, stated.system.forces])
+    system = stated.system
+    placed = [system.assembly.rotations, system.assembly.translations, system.offsets]
+    faces = [[shape.mesh.nodes, shape.contact_quads] for shape in system.assembly.shapes]
+    _hash(digest, [stated.bodies, stated.blocks, stated.effects, placed, faces])
+    _hash(digest, [system.contact, system.surfaces.clearance, stated.stick, system.orbits.share])
+    _hash(digest, [system.supports, system.forces, stated.counted_pressure])
     _hash(digest, loop.time_step)
     return digest.hexdigest()
 

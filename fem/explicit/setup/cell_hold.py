@@ -2,21 +2,19 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from fem.explicit.body import LaneBody
 from fem.explicit.kernels.layout import to_lanes
 from fem.explicit.state import Interaction, Loop
 from fem.explicit.step import placed_internal_force
-from fem.system.system import System, unresisted_motions
+from fem.explicit.timed import TimedSystem
+from fem.system.system import unresisted_motions
 from geometry.mesh import FloatArray, IntArray
 
 
-@dataclass(frozen=True)
-class CellHold:
-    """Motions of a periodic cell as a whole, and the forces that prevent them.
+class CellHold(Interaction):
+    """Forces that prevent motions of a periodic cell as a whole.
 
     Nothing resists a shift of the cell or a turn about its axis, and forces of second order in the
     displacements push along them for ever (`fem.system.system`). Here the same constraint
@@ -25,30 +23,15 @@ class CellHold:
     at rest.
     """
 
-    motions: tuple[FloatArray, ...]
-    """Of each group in block frames, (n_motions, n_copies, n_nodes, 3)."""
-    forces: tuple[FloatArray, ...]
-    """The same motions, zero where no contact acts."""
-
-    def touched_nodes(self, group: int) -> IntArray:
-        """Mesh nodes of the group on which the forces act, (n,)."""
-        return np.flatnonzero(self.forces[group].any(axis=(0, 1, 3)))
-
-    def nodal_stiffness(self, group: int) -> FloatArray | None:  # noqa: ARG002 - as of all
-        """No stiffness: a constraint only removes motions."""
-        return None
-
-    def bind(self, bodies: tuple[LaneBody, ...]) -> Interaction:
-        """Prepare the force for the loop."""
-        return _BoundHold(self, bodies)
-
-
-class _BoundHold(Interaction):
-    """Arrays of one run, in lanes."""
-
-    def __init__(self, statement: CellHold, bodies: tuple[LaneBody, ...]) -> None:
-        self._all = [_lanes(m, body) for m, body in zip(statement.motions, bodies, strict=True)]
-        forces = [_lanes(f, body) for f, body in zip(statement.forces, bodies, strict=True)]
+    def __init__(
+        self,
+        motions: tuple[FloatArray, ...],
+        at_contacts: tuple[FloatArray, ...],
+        bodies: tuple[LaneBody, ...],
+    ) -> None:
+        """Take what `cell_motions` found to lanes."""
+        self._all = [_lanes(m, body) for m, body in zip(motions, bodies, strict=True)]
+        forces = [_lanes(f, body) for f, body in zip(at_contacts, bodies, strict=True)]
         work = sum(np.einsum("knil,mnil->km", m, f) for m, f in zip(self._all, forces, strict=True))
         self._inverse = np.linalg.inv(work)
         # Rows of the applied force are numbered in the order of the body's rows.
@@ -85,16 +68,14 @@ def _applied_row(body: LaneBody) -> IntArray:
     return body.applied_row.astype(np.int64)
 
 
-def cell_hold(system: System, blocks: tuple[IntArray, ...]) -> CellHold | None:
-    """Hold of a periodic cell; None for what its supports hold.
+def cell_motions(
+    stated: TimedSystem,
+) -> tuple[tuple[FloatArray, ...], tuple[FloatArray, ...]] | None:
+    """Motions of a periodic cell that nothing holds, and those at the nodes of its contacts.
 
-    Parameters
-    ----------
-    system
-        The cell and its symmetry.
-    blocks
-        Representatives of each group in the order of their copies.
+    Of each body in block frames, (n_motions, n_copies, n_nodes, 3); None for what supports hold.
     """
+    system = stated.system
     everywhere = unresisted_motions(system)
     contact = np.isin(np.arange(system.n_nodes), system.points.rows)
     at_contacts = unresisted_motions(system, lambda moved: moved * contact[:, None])
@@ -102,10 +83,10 @@ def cell_hold(system: System, blocks: tuple[IntArray, ...]) -> CellHold | None:
         return None
 
     def by_group(motions: FloatArray) -> tuple[FloatArray, ...]:
-        slots = [system.slot_of[mine] for mine in blocks]
+        slots = [system.slot_of[mine] for mine in stated.blocks]
         return tuple(
             np.stack([motions[:, system.nodes_of(int(slot))] for slot in group], axis=1)
             for group in slots
         )
 
-    return CellHold(by_group(everywhere.motions), by_group(at_contacts.motions))
+    return by_group(everywhere.motions), by_group(at_contacts.motions)

@@ -7,24 +7,22 @@ no static state is expected: nothing is recommended, and the ramp takes half of 
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 
+from fem.contact.friction import FrictionError
 from fem.contact.law import COUNTED_PRESSURE, counted_stiffness
 from fem.contact.normals import ContactNormals
-from fem.contact.search import SearchedPoints
+from fem.contact.search import SearchedPoints, points_of_search
 from fem.contact.surfaces import ContactError, refuse_overlap
-from fem.explicit.contact.alike_pairs import alike_pairs
-from fem.explicit.contact.paired import FaceContact, paired_frictions
-from fem.explicit.contact.sliding import SlidingContact, surface_areas
-from fem.explicit.setup.cell_hold import cell_hold
+from fem.explicit.contact.sliding import SLIGHT
 from fem.explicit.setup.quasi_static import FRACTION_WHILE_LOADING, recommended_times
 from fem.explicit.solve import Run
 from fem.explicit.timed import RecommendedTimes, TimedSystem
 from fem.problem import Motion
 from fem.state import State
-from fem.system.contact_state import block_surfaces, searched_state
+from fem.system.contact_state import facing_points, searched_state
 from fem.system.effects import EffectError, Effects
 from fem.system.forces import ALL_THE_WAY, SmoothStepAmplitude, TabularAmplitude
 from fem.system.sector import SymmetryError, largest_cyclic_orbits, require_sector, with_half_turn
@@ -44,29 +42,19 @@ def counting_more(stated: TimedSystem) -> TimedSystem | None:
 
     A run whose contact outgrows its time step starts again with it. Single bodies have no contact.
     """
-    if not stated.interactions:
+    if not stated.system.meets:
         return None
-    law = stated.system.contact.law
-    now = counted_stiffness(law, stated.counted_pressure)
     for pressure in _COUNTED_PRESSURES:
-        counted = counted_stiffness(law, pressure)
-        if pressure > stated.counted_pressure and counted > now:
-            contact = replace(_contact_of(stated), counted_stiffness=counted)
-            interactions = (contact, *stated.interactions[1:])
-            return replace(stated, interactions=interactions, counted_pressure=pressure)
+        more = replace(stated, counted_pressure=pressure)
+        higher = pressure > stated.counted_pressure
+        if higher and more.counted_stiffness > stated.counted_stiffness:
+            return more
     return None
-
-
-def _contact_of(stated: TimedSystem) -> FaceContact | SlidingContact:
-    """Contact of blocks that meet."""
-    contact = stated.interactions[0]
-    assert isinstance(contact, FaceContact | SlidingContact)
-    return contact
 
 
 def state_of(run: Run) -> State:
     """State of the whole assembly at the end of a run."""
-    stated, slips = run.stated, run.slips
+    stated = run.stated
     system, copies = stated.system, stated.system.orbits.copies
     if run.searched is not None:
         system = system.on(run.searched)
@@ -74,23 +62,12 @@ def state_of(run: Run) -> State:
     return State(
         system=system,
         displacement=stated.of_system(run.displacements),
-        friction=None if slips is None else _friction(stated, run.displacements, slips),
+        friction=run.friction,
         support_force=stated.of_system(run.support_forces) if run.support_forces else None,
         contact_force=stated.of_system(run.contact_forces),
         time=run.time,
         run=replace(run, energies=energies, history=run.history.times(copies)),
     )
-
-
-def _friction(
-    stated: TimedSystem, displacements: tuple[FloatArray, ...], slips: FloatArray
-) -> FloatArray:
-    """Of elastic slips on block s at all points, world axes, (n_facets, n_points, 3) [MPa]."""
-    contact = _contact_of(stated)
-    if isinstance(contact, FaceContact):
-        moved = stated.in_system(displacements)
-        return paired_frictions(stated.system, contact, moved, slips)
-    return -contact.stick * slips[:, None]
 
 
 def timed_system(
@@ -140,10 +117,10 @@ def timed_system(
     effects = _with_gravity(effects, deformable.gravity)
     system = deformable.in_sector(_orbits(deformable, symmetry, motion))
     blocks = _representatives(system)
-    contact = _contact(system, blocks, counted_pressure) if system.meets else None
-    if isinstance(contact, SlidingContact):
-        system = system.on(contact.at_start)
-    hold = cell_hold(system, blocks)
+    rubs = system.meets and system.contact.friction is not None
+    stick = _stick(system, counted_pressure) if rubs else 1.0
+    if system.contact.finite_sliding:
+        system = _at_start(system)
     times, ramp, end = _times(system, effects, ramp_time, end_time)
     moved = _end_of_motion(deformable, ramp)
     if end_time is None:
@@ -152,11 +129,11 @@ def timed_system(
         system=_in_time(system, ramp),
         blocks=blocks,
         effects=_growing(effects, ramp, rubs=deformable.contact.friction is not None),
-        interactions=tuple(i for i in (contact, hold) if i is not None),
         recommended=times,
         ramp_time=ramp,
         end_time=end,
         counted_pressure=counted_pressure,
+        stick=stick,
         settled_after=max(ramp, moved),
     )
     if motion is None:
@@ -283,57 +260,31 @@ def _growing(effects: Effects, ramp: float, *, rubs: bool) -> Effects:
     return replace(effects, gravity_amplitude=SmoothStepAmplitude(ramp))
 
 
-def _contact(
-    system: System, blocks: tuple[IntArray, ...], counted_pressure: float
-) -> FaceContact | SlidingContact:
-    """Contact of the representatives: on matched facets, or where a search finds them."""
-    contact = system.contact
-    sliding = contact.finite_sliding
-    if sliding and contact.normals is ContactNormals.REFERENCE:
+def _stick(system: System, counted_pressure: float) -> float:
+    """Stiffness of points that stick: the most that the time step allows unless stated [MPa/mm]."""
+    counted = counted_stiffness(system.contact.law, counted_pressure)
+    stick = system.stick(counted)
+    if stick > counted:
+        raise FrictionError(
+            f"stick_stiffness: got {stick} MPa/mm, expected at most {counted:.4g}, the contact "
+            "stiffness included in the critical time step"
+        )
+    if system.contact.normals is ContactNormals.REFERENCE:
+        raise FrictionError(
+            "friction: got contact with reference normals, expected current normals"
+        )
+    return stick
+
+
+def _at_start(system: System) -> System:
+    """System with the points of a search before any displacement."""
+    if system.contact.normals is ContactNormals.REFERENCE:
         raise ContactError(
             "normals: got reference normals with finite sliding, which an explicit run measures "
             "along current ones; expected ContactNormals.CURRENT, or a static run"
         )
-    copy = np.full(system.assembly.n_blocks, -1, dtype=np.int64)
-    for mine in blocks:
-        copy[mine] = np.arange(len(mine))
-    copy_of = copy[system.orbits.representative]
-    counted = counted_stiffness(contact.law, counted_pressure)
-    friction = contact.friction
-    if friction is not None:
-        friction = replace(friction, stick_stiffness=system.stick(counted))
-    common: dict[str, Any] = {
-        "law": contact.law,
-        "clearance": system.surfaces.clearance,
-        "counted_stiffness": counted,
-        "friction": friction,
-    }
-    if sliding:
-        surfaces = block_surfaces(system, copy_of)
-        areas = surface_areas(surfaces, tuple(g.n_nodes for g in system.bodies))
-        return SlidingContact(
-            surfaces=surfaces, areas=areas, symmetry=system.orbits.order, **common
-        )
-    return FaceContact(
-        pairs=alike_pairs(system, copy_of),
-        areas=_areas(system),
-        normals=contact.normals,
-        **common,
-    )
-
-
-def _areas(system: System) -> tuple[FloatArray, ...]:
-    """`ExplicitContact.areas` of matched facets."""
-    points = system.points
-    sides = np.stack([points.block_m, points.block_s])
-    moving = (system.slot_of[sides] >= 0).sum(axis=0)
-    each = np.einsum("f,fp,fpa->fa", moving, points.weights, np.abs(points.functions))
-    total: FloatArray = np.bincount(points.rows.ravel(), each.ravel(), system.n_nodes + 1)
-    areas = tuple(np.zeros(group.n_nodes) for group in system.bodies)
-    for block in system.deformable_blocks.tolist():
-        largest = areas[system.group_of[block]]
-        np.maximum(largest, total[system.rows[block, : len(largest)]], out=largest)
-    return areas
+    points = facing_points(system, slight=SLIGHT)
+    return system.on(points_of_search(points, system.surfaces.clearance))
 
 
 def _representatives(system: System) -> tuple[IntArray, ...]:
