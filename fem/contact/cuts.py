@@ -14,6 +14,7 @@ ends, points lie on its edge as well (`fem.contact.edge_points`).
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
@@ -33,6 +34,7 @@ from fem.contact.pieces import (
     width,
 )
 from geometry.compilation import njit
+from geometry.mesh import BoolArray, FloatArray, IntArray
 
 _OPTIONS = {"error_model": "numpy", "nogil": True}
 
@@ -269,57 +271,72 @@ def _copy(plane, to):
             to[a, i] = plane[a, i]
 
 
+class CutFacets(NamedTuple):
+    """Facets of all blocks."""
+
+    position: FloatArray
+    """Surface nodes, (n_nodes, 3) [mm]."""
+    quads: IntArray
+    """Facets as surface nodes, (n_facets, 4)."""
+    ending: BoolArray
+    """Edges of the facets at which a surface ends, alike."""
+    area: FloatArray
+    """Of the facets before any displacement, (n_facets,) [mm²]."""
+
+
+class Neighbours(NamedTuple):
+    """Facets that each facet may face."""
+
+    start: IntArray
+    """Those of facet f are ``facet[start[f]:start[f + 1]]``, (n_facets + 1,)."""
+    facet: IntArray
+    """(n,)"""
+    share: FloatArray
+    """With which the points of a facet against each count, (n,)."""
+    bounds: FloatArray
+    """Least and largest gap at which a point faces a facet, (2,) [mm]."""
+
+
+class PointsOnFacets(NamedTuple):
+    """Points of a search and what they face."""
+
+    slave: IntArray
+    """Facet of each point, (n,)."""
+    shapes: FloatArray
+    """Functions of its nodes there, (n, n_nodes)."""
+    weights: FloatArray
+    """Area that each point stands for, of the undeformed surface, (n,) [mm²]."""
+    cells: FloatArray
+    """Box round that area in natural coordinates, lower then upper corner, (n, 2, 2)."""
+    facet: IntArray
+    """Facet that each point faces, (n,)."""
+    xi: FloatArray
+    """Natural coordinates of the closest point there, (n, 2)."""
+
+
 @njit(cache=True, **_OPTIONS)
-def cut_facets(
-    position,
-    quads,
-    ending,
-    area,
-    start,
-    near,
-    share,
-    bounds,
-    slight,
-    fine,
-    slave,
-    shapes,
-    weights,
-    facet,
-    xi,
-    cells,
-):
+def cut_facets(facets, neighbours, slight, fine, points):
     """Points of all facets on their pieces, each with the facet that it faces.
 
     Parameters
     ----------
-    position
-        Surface nodes of all blocks, (n_nodes, 3) [mm].
-    quads
-        Facets as surface nodes, (n_facets, 4).
-    ending
-        Edges of the facets at which a surface ends, alike.
-    area
-        Of the facets before any displacement, (n_facets,) [mm²].
-    start, near
-        Facets that each may face: ``near[start[f]:start[f + 1]]``.
-    share
-        With which the points of a facet against one near it count, as ``near``.
-    bounds
-        Least and largest gap at which a point faces a facet, (2,) [mm].
+    facets, neighbours
+        `CutFacets` and `Neighbours`.
     slight
         Share of a facet's nodal forces by which the points of a sliver may err; 0: none.
     fine
         Whether points integrate functions of degree 4, of facets that are pieces of curved ones.
-    slave, shapes, weights, facet, xi, cells
-        Out, up to a capacity of points (m,): facet of the point, its shape functions there
-        (m, 4), area [mm²], facet that it faces, natural coordinates of the closest point on it
-        (m, 2), box round its piece in natural coordinates of its own facet (m, 2, 2).
+    points
+        Out: `PointsOnFacets`, up to a capacity.
 
     Returns
     -------
     int
         Number of points; what exceeds the capacity is counted and not written.
     """
+    position, quads, ending, area = facets
+    start, near, share, bounds = neighbours
+    slave, shapes, weights, cells, facet, xi = points
     most = 1
     for f in range(len(quads)):
         most = max(most, start[f + 1] - start[f])

@@ -8,14 +8,21 @@ along the neighbours' edges (`fem.contact.cuts`) follow the motion between searc
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from typing import Any
 
 import numpy as np
 from scipy.spatial import cKDTree
 
-from fem.contact.cuts import OPPOSITE, carry_over, cut_facets
+from fem.contact.cuts import (
+    OPPOSITE,
+    CutFacets,
+    Neighbours,
+    PointsOnFacets,
+    carry_over,
+    cut_facets,
+)
 from fem.contact.edge_points import ending_edges, matching_facets
 from fem.contact.normals import ContactNormals
 from fem.contact.surfaces import ContactPoints, of_no_system
@@ -76,24 +83,6 @@ class BlockSurface:
         """Mean edge of the facets [mm]."""
         corners = self.reference[self.quads]
         return float(np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).mean())
-
-
-@dataclass(frozen=True)
-class PointsOnFacets:
-    """Points of a search and what they face."""
-
-    slave: IntArray
-    """Facet of each point, (n,)."""
-    shapes: FloatArray
-    """Functions of its nodes there, (n, n_nodes)."""
-    weights: FloatArray
-    """Area that each point stands for, of the undeformed surface, (n,) [mm²]."""
-    cells: FloatArray
-    """Box round that area in natural coordinates, lower then upper corner, (n, 2, 2)."""
-    facet: IntArray
-    """Facet that each point faces, (n,)."""
-    xi: FloatArray
-    """Natural coordinates of the closest point there, (n, 2)."""
 
 
 def _stretch(nodes: FloatArray, slopes: FloatArray) -> FloatArray:
@@ -249,41 +238,23 @@ class FacingPoints:
         near = np.concatenate([np.empty(0, np.int64), *(g for _, g, _ in result)])
         share = np.concatenate([np.empty(0), *(np.full(len(f), w) for f, _, w in result)])
         order = np.lexsort((near, own))
-        self._start = np.searchsorted(own[order], np.arange(len(self.quads) + 1))
-        self._near, self._share = near[order], share[order]
+        start = np.searchsorted(own[order], np.arange(len(self.quads) + 1))
+        self._near = Neighbours(start, near[order], share[order], self._bounds)
         self.cut()
         count(Operation.SEARCH, self.count)
 
     def cut(self) -> None:
         """Cut the facets along those that they face now: points follow the motion."""
+        facets = CutFacets(self.position, self.quads, self._ending, self.facet_area)
         while True:
-            room = self.room
             self.count = int(
-                cut_facets(
-                    self.position,
-                    self.quads,
-                    self._ending,
-                    self.facet_area,
-                    self._start,
-                    self._near,
-                    self._share,
-                    self._bounds,
-                    self._slight,
-                    self.pieces > 1,
-                    room.slave,
-                    room.shapes,
-                    room.weights,
-                    room.facet,
-                    room.xi,
-                    room.cells,
-                )
+                cut_facets(facets, self._near, self._slight, self.pieces > 1, self.room)
             )
-            if self.count <= len(room.slave):
+            if self.count <= len(self.room.slave):
                 break
             self._take(2 * self.count)
-        result = {f.name: getattr(room, f.name)[: self.count] for f in fields(room)}
         #: Points of the present cut, on facets as they are searched.
-        self.now = PointsOnFacets(**result)
+        self.now = PointsOnFacets._make(array[: self.count] for array in self.room)
 
     def carried(self, slave: IntArray, shapes: FloatArray, values: FloatArray) -> FloatArray:
         """Values (m, k) of points of an earlier cut at those of the present one, (n, k)."""

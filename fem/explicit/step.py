@@ -16,7 +16,12 @@ import numpy as np
 from fem.explicit import block_frame
 from fem.explicit.body import BodyLoad, LaneBody
 from fem.explicit.kernels import (
+    Applied,
+    Damper,
+    Drag,
     KernelSet,
+    Motion,
+    Placing,
     add_at,
     dot_at,
     dot_lanes,
@@ -259,32 +264,36 @@ def ramped_gravity_power(body: LaneBody, falling: LaneArray, *, moved: bool = Fa
 
 def advance(loop: Loop, body: LaneBody, falling: LaneArray | None, *, sample: bool) -> None:
     """v_{n+½} = v_{n-½} + Δt a_n and u_{n+1} = u_n + Δt v_{n+½}."""
-    now, mass_damping = body.now, loop.mass_damping
-    half = 0.0 if mass_damping is None else 0.5 * mass_damping * loop.time_step
-    before, frame = now.elastic_before, now.frame
-    damped = mass_damping is not None
+    now, dt, frame, before = body.now, loop.time_step, body.now.frame, body.now.elastic_before
+    drag = damper = placing = applied = None
+    half = 0.0
+    if loop.mass_damping is not None and now.mass_damping_work is not None:
+        half = 0.5 * loop.mass_damping * dt
+        drag = Drag((1.0 - half) / (1.0 + half), half, now.mass_damping_work.ravel())
+    if before is not None:
+        damper = Damper(damping_ratio(loop, now), before.force.ravel(), before.work.ravel())
+    if frame is not None:
+        placing = Placing(frame.placing.ravel(), body.reference)
+    if now.applied_force is not None and body.applied_row is not None:
+        applied = Applied(body.applied_row, now.applied_force.ravel())
     loop.kernels.update(
         body.lanes,
         *widths(body.lanes),
         body.rows.chunks,
+        Motion(
+            body.mass,
+            now.internal_force.ravel(),
+            now.displacement.ravel(),
+            now.velocity.ravel(),
+            dt,
+            dt / (1.0 + half),
+        ),
         _flat(now.kinetic if sample else None),
-        _flat(None if before is None else before.work),
-        _flat(now.mass_damping_work if damped else None),
-        loop.time_step,
-        loop.time_step / (1.0 + half),
-        (1.0 - half) / (1.0 + half) if damped else None,
-        body.mass,
-        now.internal_force.ravel(),
-        _flat(None if frame is None else frame.placing),
-        None if frame is None else body.reference,
-        damping_ratio(loop, now),
-        _flat(None if before is None else before.force),
-        body.applied_row,
-        _flat(now.applied_force),
+        drag,
+        damper,
+        placing,
+        applied,
         _flat(falling),
-        now.displacement.ravel(),
-        now.velocity.ravel(),
-        half if damped else None,
     )
 
 

@@ -6,7 +6,16 @@ from fem import ElementType, Material
 from fem.element.kinds import block_stiffness
 from fem.explicit import kernels
 from fem.explicit.body import element_viscosity
-from fem.explicit.kernels import PARALLEL, SERIAL, widths
+from fem.explicit.kernels import (
+    PARALLEL,
+    SERIAL,
+    Applied,
+    Damper,
+    Drag,
+    Motion,
+    Placing,
+    widths,
+)
 from fem.explicit.kernels.layout import (
     BlockRows,
     aligned_zeros,
@@ -152,24 +161,13 @@ def test_update_is_one_central_difference_step():
         lanes,
         *widths(lanes),
         chunks,
+        Motion(mass, internal.ravel(), new_u.ravel(), new_v.ravel(), dt, dt / (1 + half)),
         kinetic.ravel(),
-        work.ravel(),
-        dissipated.ravel(),
-        dt,
-        dt / (1 + half),
-        (1 - half) / (1 + half),
-        mass,
-        internal.ravel(),
+        Drag((1 - half) / (1 + half), half, dissipated.ravel()),
+        Damper(ratio, old.ravel(), work.ravel()),
         None,
-        None,
-        ratio,
-        old.ravel(),
-        applied_row,
-        applied.ravel(),
+        Applied(applied_row, applied.ravel()),
         gravity.ravel(),
-        new_u.ravel(),
-        new_v.ravel(),
-        half,
     )
     # A handful of roundings of numbers below 10.
     tolerance = 20 * 10 * EPS
@@ -343,24 +341,12 @@ def test_block_frames_are_their_plain_statements(n_copies):
     np.testing.assert_allclose(force, expected, rtol=0, atol=tolerance)
 
     # The motion turns the force in passing, with the same operations.
-    def velocity(inner, *placing):
+    def velocity(inner, turned):
         moved, v = np.zeros_like(f), np.zeros_like(f)
-        SERIAL.update(
-            *(
-                lanes,
-                *widths(lanes),
-                rows.chunks,
-                None,
-                None,
-                None,
-                1.0,
-                1.0,
-                None,
-                mass,
-            ),
-            *(inner.ravel(), *placing, None, None, None, None, None, moved.ravel(), v.ravel()),
-            None,
-        )
+        motion = Motion(mass, inner.ravel(), moved.ravel(), v.ravel(), 1.0, 1.0)
+        effects = (None, None, None, turned, None, None)
+        SERIAL.update(lanes, *widths(lanes), rows.chunks, motion, *effects)
         return v
 
-    np.testing.assert_array_equal(velocity(f, placing.ravel(), x), velocity(force, None, None))
+    turned = Placing(placing.ravel(), x)
+    np.testing.assert_array_equal(velocity(f, turned), velocity(force, None))

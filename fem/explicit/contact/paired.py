@@ -6,20 +6,20 @@ The formulation is that of `fem.contact.surfaces`, the loops are in
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numba
 import numpy as np
 
 from fem.contact.friction import slip_sides
 from fem.contact.normals import ContactNormals
 from fem.contact.search import SearchedPoints
-from fem.element.facet import FACET_CORNERS
+from fem.element.facet import FACET_CORNERS, FACET_SLOPES
 from fem.explicit.body import LaneBody
 from fem.explicit.contact.alike_pairs import WIDEST, AlikePairs, alike_pairs, unit_widths
 from fem.explicit.contact.contact import BlockContact
 from fem.explicit.contact.paired_kernel import (
     NEVER,
+    Collection,
+    Rubbing,
     UnitArrays,
     UnitWork,
     collect_forces,
@@ -54,11 +54,10 @@ class FaceContact(BlockContact):
             if stated.system.contact.normals is ContactNormals.REFERENCE
             else None
         )
-        self._slip: FloatArray | None = None
-        self._lost: FloatArray | None = None
+        self._rubbing: Rubbing | None = None
         if self._rubs:
-            self._slip = _no_slip(self._data, self._work)
-            self._lost = aligned_zeros((8 * len(self._data.units),))
+            lost = aligned_zeros((8 * len(self._data.units),))
+            self._rubbing = Rubbing(_no_slip(self._data, self._work), lost)
         self._collections = _collections(self._data, len(self._work.force) // 2, bodies)
 
     def add_force(self, loop: Loop) -> None:
@@ -71,17 +70,14 @@ class FaceContact(BlockContact):
             self._work,
             self._constants,
             self._normals,
-            self._slip,
-            self._lost,
+            self._rubbing,
             *self._widths,
         )
         for body, result in zip(loop.bodies, self._collections, strict=True):
             if result is None or body.now.applied_force is None:
                 continue
             collect_forces.form(parallel=parallel)(
-                result.chunks,
-                result.pointer,
-                result.entries,
+                result,
                 self._data,
                 self._work,
                 body.lanes,
@@ -111,7 +107,9 @@ class FaceContact(BlockContact):
 
     def contact(self, moved: FloatArray) -> tuple[SearchedPoints | None, FloatArray | None]:
         """Friction of the facets that are computed; no search has found them."""
-        return None, None if self._slip is None else self._friction(moved, self._slips(self._slip))
+        if self._rubbing is None:
+            return None, None
+        return None, self._friction(moved, self._slips(self._rubbing.slip))
 
     def _slips(self, history: FloatArray) -> FloatArray:
         """Elastic slips of all pairs, facets and points along `slip_sides`, (n, 4, 2) [mm]."""
@@ -146,27 +144,27 @@ class FaceContact(BlockContact):
 
     def dissipation(self) -> float:
         """Energy dissipated by friction up to the last force evaluation [N mm]."""
-        if self._lost is None:
+        if self._rubbing is None:
             return 0.0
-        lost = self._lost.reshape(-1, 8)
+        lost = self._rubbing.lost.reshape(-1, 8)
         real = np.arange(8) < self._data.units[:, 2:3]
         return float(lost[real].sum())
 
     def arrays(self) -> dict[str, LaneArray]:
         """Arrays that evolve, by name: slip and dissipation; other forces follow positions."""
-        if self._slip is None or self._lost is None:
+        if self._rubbing is None:
             return {}
         # The lanes of a unit are those of the processor: a checkpoint of another one does not fit.
-        return {f"slip of {WIDEST} lanes": self._slip, "dissipated": self._lost}
+        return {f"slip of {WIDEST} lanes": self._rubbing.slip, "dissipated": self._rubbing.lost}
 
     def _stick_energy(self, unit: int) -> float:
         """Energy of the elastic slip of one unit [N mm]."""
-        if self._slip is None:
+        if self._rubbing is None:
             return 0.0
         kind, width, real, _, _, point, *_ = self._data.units[unit]
         first, last = self._data.alike[kind, 1], self._data.alike[kind + 1, 1]
         n = last - first
-        slip = self._slip[4 * point : 4 * (point + 4 * n * width)].reshape(n, 4, 4, width)
+        slip = self._rubbing.slip[4 * point : 4 * (point + 4 * n * width)].reshape(n, 4, 4, width)
         square = (slip[:, :, :2, :real] ** 2).sum(axis=(2, 3))
         weights = self._data.weights[first:last]
         return 0.5 * self._stated.stick * float((weights * square).sum())
@@ -180,15 +178,6 @@ def _no_slip(data: UnitArrays, work: UnitWork) -> FloatArray:
     for n, w, start in zip(facets, width, point, strict=True):
         slip[4 * start : 4 * (start + 4 * n * w)].reshape(n, 4, 4, w)[:, :, 2] = NEVER
     return slip
-
-
-@dataclass(frozen=True)
-class _Collection:
-    """Which forces act on the applied rows of one group."""
-
-    chunks: IntArray
-    pointer: IntArray
-    entries: IntArray
 
 
 def _unit_arrays(pairs: tuple[AlikePairs, ...], bodies: tuple[LaneBody, ...]) -> UnitArrays:
@@ -297,13 +286,15 @@ def _unit_work(data: UnitArrays) -> UnitWork:
 
 
 def _reference_normals(pairs: tuple[AlikePairs, ...]) -> FloatArray:
-    vectors = np.concatenate([result.area_vectors() for result in pairs])
+    corners = np.concatenate([result.mean[result.corners] for result in pairs])
+    tangents = np.einsum("pak,fai->fpki", FACET_SLOPES, corners)
+    vectors = np.cross(tangents[:, :, 0], tangents[:, :, 1])
     return vectors / np.linalg.norm(vectors, axis=2, keepdims=True)
 
 
 def _collections(
     data: UnitArrays, one_side: int, bodies: tuple[LaneBody, ...]
-) -> tuple[_Collection | None, ...]:
+) -> tuple[Collection | None, ...]:
     """List for each applied row of each group what acts on it; ``one_side`` counts its forces."""
     rows, entries, groups = [], [], []
     for unit, (kind, width, _, lane, start, _, *copies) in enumerate(data.units):
@@ -317,7 +308,7 @@ def _collections(
             entries.append((np.array(entry) + np.outer(at, [0, 1, 0, 0]))[moves])
             groups.append(np.full(int(moves.sum()), data.alike[kind, 2 + side]))
     row, every, group = np.concatenate(rows), np.concatenate(entries), np.concatenate(groups)
-    result: list[_Collection | None] = []
+    result: list[Collection | None] = []
     for number, body in enumerate(bodies):
         members = group == number
         if body.applied_row is None or not members.any():
@@ -327,6 +318,6 @@ def _collections(
         order = np.argsort(applied, kind="stable")
         pointer = np.searchsorted(applied[order], np.arange(body.n_applied + 1))
         result.append(
-            _Collection(equal_work(pointer), pointer.astype(np.int64), every[members][order])
+            Collection(equal_work(pointer), pointer.astype(np.int64), every[members][order])
         )
     return tuple(result)

@@ -111,6 +111,16 @@ class UnitWork(NamedTuple):
     (n_threads, 4, largest unit)."""
 
 
+class Rubbing(NamedTuple):
+    """History of friction; evolves."""
+
+    slip: FloatArray
+    """Flat [facet][point][4][lane]: elastic slip along `slip_sides` of the mean surface, last
+    position alike (`NEVER` where it did not touch) [mm]."""
+    lost: FloatArray
+    """Energy dissipated so far, flat (n_units, 8) [N mm]."""
+
+
 @njit(**INLINED)
 def _mixed(near, far):
     """Value at the Gauss point next to ``near`` on the edge from near to far."""
@@ -233,7 +243,8 @@ def _unit_loops(width: int) -> tuple[Callable[..., Any], Callable[..., Any], Cal
         return value
 
     @njit(**OPTIONS)
-    def gather(unit, data, u_m, u_s, difference, middle):
+    def gather(unit, data, u_m, u_s, scratch):
+        difference, middle, _, _ = scratch
         kind, lane = data.units[unit, 0], data.units[unit, 3]
         first, last = data.alike[kind, 0], data.alike[kind + 1, 0]
         lanes_m = data.lanes[data.alike[kind, 2]]
@@ -333,12 +344,13 @@ def _unit_loops(width: int) -> tuple[Callable[..., Any], Callable[..., Any], Cal
         return any_below(smaller(smaller(a, b), smaller(c, d)), 0.5 * NEVER)
 
     @njit(**INLINED)
-    def rub(unit, law, force, pressing, weight, d, normal, b, slip, at, point, lost):
+    def rub(unit, law, force, pressing, weight, d, normal, b, rubbing, at, point):
         """Add the friction of one point to its force; updates slip and loss.
 
         Along ``b`` and across it. A point that opens loses the energy of its elastic slip, as one
         that slides without a limit; one that was open begins at its present slip.
         """
+        slip, lost = rubbing
         stiffness = weight * law.stick
         first = 4 * (at + point * width)
         none = zero()
@@ -366,9 +378,8 @@ def _unit_loops(width: int) -> tuple[Callable[..., Any], Callable[..., Any], Cal
         )
 
     @njit(**OPTIONS)
-    def facets(
-        unit, data, work, law, normals, slip, lost, difference, middle, on_difference, on_middle
-    ):
+    def facets(unit, data, work, law, normals, rubbing, scratch):
+        difference, middle, on_difference, on_middle = scratch
         kind, point = data.units[unit, 0], data.units[unit, 5]
         first, last = data.alike[kind, 1], data.alike[kind + 1, 1]
         own = law_at(law, unit)
@@ -389,8 +400,8 @@ def _unit_loops(width: int) -> tuple[Callable[..., Any], Callable[..., Any], Cal
             w = data.weights[f, 0], data.weights[f, 1], data.weights[f, 2], data.weights[f, 3]
             d = at_points(difference, corners)
             rests = True
-            if slip is not None:
-                rests = not touched(slip, at)
+            if rubbing is not None:
+                rests = not touched(rubbing.slip, at)
             if normals is None:
                 low, high, left, right = slopes(middle, corners)
                 areas = cross(low, left), cross(low, right), cross(high, right), cross(high, left)
@@ -414,7 +425,7 @@ def _unit_loops(width: int) -> tuple[Callable[..., Any], Callable[..., Any], Cal
             q2 = w[2] * lanes_pressure(0.0 - g2, own)
             q3 = w[3] * lanes_pressure(0.0 - g3, own)
             f0, f1, f2, f3 = times(q0, n0[0]), times(q1, n1[0]), times(q2, n2[0]), times(q3, n3[0])
-            if slip is not None:
+            if rubbing is not None:
                 below, above, west, east = (
                     _length(low),
                     _length(high),
@@ -423,10 +434,10 @@ def _unit_loops(width: int) -> tuple[Callable[..., Any], Callable[..., Any], Cal
                 )
                 b0, b1 = _between(low, left, below, west), _between(low, right, below, east)
                 b2, b3 = _between(high, right, above, east), _between(high, left, above, west)
-                f0 = rub(unit, own, f0, q0, w[0], d[0], n0[0], b0, slip, at, 0, lost)
-                f1 = rub(unit, own, f1, q1, w[1], d[1], n1[0], b1, slip, at, 1, lost)
-                f2 = rub(unit, own, f2, q2, w[2], d[2], n2[0], b2, slip, at, 2, lost)
-                f3 = rub(unit, own, f3, q3, w[3], d[3], n3[0], b3, slip, at, 3, lost)
+                f0 = rub(unit, own, f0, q0, w[0], d[0], n0[0], b0, rubbing, at, 0)
+                f1 = rub(unit, own, f1, q1, w[1], d[1], n1[0], b1, rubbing, at, 1)
+                f2 = rub(unit, own, f2, q2, w[2], d[2], n2[0], b2, rubbing, at, 2)
+                f3 = rub(unit, own, f3, q3, w[3], d[3], n3[0], b3, rubbing, at, 3)
             for j in range(3):
                 spread(on_difference, corners, j, _at_points(f0[j], f1[j], f2[j], f3[j]))
             if normals is None:
@@ -442,8 +453,9 @@ def _unit_loops(width: int) -> tuple[Callable[..., Any], Callable[..., Any], Cal
                     spread(on_middle, corners, j, values)
 
     @njit(**OPTIONS)
-    def part(unit, data, work, normals, on_difference, on_middle):
+    def part(unit, data, work, normals, scratch):
         """Turn forces on differences and means into forces on the two blocks."""
+        _, _, on_difference, on_middle = scratch
         kind, start = data.units[unit, 0], data.units[unit, 4]
         other = start + len(work.force) // 2
         turn = data.rotation[kind]
@@ -472,42 +484,40 @@ _gather_1, _facets_1, _part_1 = _unit_loops(1)
 
 
 @njit(**OPTIONS)
-def _unit(unit, thread, data, displacements, work, law, normals, slip, lost, wide, four, one):
+def _unit(unit, thread, data, displacements, work, law, normals, rubbing, wide, four, one):
     kind, width = data.units[unit, 0], data.units[unit, 1]
     u_m = displacements[data.alike[kind, 2]]
     u_s = displacements[data.alike[kind, 3]]
-    d, m = work.scratch[thread, 0], work.scratch[thread, 1]
-    on_d, on_m = work.scratch[thread, 2], work.scratch[thread, 3]
+    own = work.scratch[thread]
+    scratch = own[0], own[1], own[2], own[3]
     if wide is not None:
         if width == REGISTER_DOUBLES:
-            _gather(unit, data, u_m, u_s, d, m)
-            _facets(unit, data, work, law, normals, slip, lost, d, m, on_d, on_m)
-            _part(unit, data, work, normals, on_d, on_m)
+            _gather(unit, data, u_m, u_s, scratch)
+            _facets(unit, data, work, law, normals, rubbing, scratch)
+            _part(unit, data, work, normals, scratch)
     if four is not None:
         if width == 4:
-            _gather_4(unit, data, u_m, u_s, d, m)
-            _facets_4(unit, data, work, law, normals, slip, lost, d, m, on_d, on_m)
-            _part_4(unit, data, work, normals, on_d, on_m)
+            _gather_4(unit, data, u_m, u_s, scratch)
+            _facets_4(unit, data, work, law, normals, rubbing, scratch)
+            _part_4(unit, data, work, normals, scratch)
     if one is not None:
         if width == 1:
-            _gather_1(unit, data, u_m, u_s, d, m)
-            _facets_1(unit, data, work, law, normals, slip, lost, d, m, on_d, on_m)
-            _part_1(unit, data, work, normals, on_d, on_m)
+            _gather_1(unit, data, u_m, u_s, scratch)
+            _facets_1(unit, data, work, law, normals, rubbing, scratch)
+            _part_1(unit, data, work, normals, scratch)
 
 
 @njit(**OPTIONS)
-def _units_of(
-    thread, threads, data, displacements, work, law, normals, slip, lost, wide, four, one
-):
+def _units_of(thread, threads, data, *arguments):
     """Every unit whose turn it is; a range, whose step might be zero, could raise."""
     unit = thread
     while unit < len(data.units):
-        _unit(unit, thread, data, displacements, work, law, normals, slip, lost, wide, four, one)
+        _unit(unit, thread, data, *arguments)
         unit += threads
 
 
 @serial_and_parallel
-def contact_forces(data, displacements, work, law, normals, slip, lost, wide, four, one):
+def contact_forces(data, displacements, work, law, normals, rubbing, wide, four, one):
     """Gaps, pressures and forces of all units.
 
     Parameters
@@ -520,37 +530,36 @@ def contact_forces(data, displacements, work, law, normals, slip, lost, wide, fo
         Constants of the contact law, or of that of each unit, (n_units, 9).
     normals
         None for current normals, or reference normals in the master frame, (n_facets, 4, 3).
-    slip
-        None without friction, or flat [facet][point][4][lane]: elastic slip along `slip_sides` of
-        the mean surface, last position alike (`NEVER` where it did not touch) [mm].
-    lost
-        None, or the energy dissipated by friction so far, flat (n_units, 8) [N mm].
+    rubbing
+        None without friction, or `Rubbing`.
     wide, four, one
         None where no unit is `REGISTER_DOUBLES`, 4 or 1 wide: its loops are not compiled, a third
         of all.
     """
     threads = len(work.scratch)
+    widths = (wide, four, one)
     for thread in prange(threads):
-        _units_of(
-            np.int64(thread),
-            threads,
-            data,
-            displacements,
-            work,
-            law,
-            normals,
-            slip,
-            lost,
-            wide,
-            four,
-            one,
-        )
+        at = np.int64(thread)
+        _units_of(at, threads, data, displacements, work, law, normals, rubbing, *widths)
+
+
+class Collection(NamedTuple):
+    """Which forces act on the applied rows of one group."""
+
+    chunks: IntArray
+    """Boundaries of pieces of applied rows, (n_chunks + 1,)."""
+    pointer: IntArray
+    """First entry of each applied row, (n_applied + 1,)."""
+    entries: IntArray
+    """(unit, first scalar of its node, first copy or -1, first of its lanes in both sides' copies)
+    that act on a row, (n, 4)."""
 
 
 @njit(**OPTIONS)
-def _collect_chunk(c, chunks, pointer, entries, data, work, lanes, applied):
+def _collect_chunk(c, collection, data, work, lanes, applied):
     # Slices and flat views of arrays would count references: not in the loops.
     copies, force = data.copies.ravel(), work.force
+    chunks, pointer, entries = collection
     for row in range(chunks[c], chunks[c + 1]):
         base = 3 * row * lanes
         for e in range(pointer[row], pointer[row + 1]):
@@ -576,22 +585,17 @@ def _collect_chunk(c, chunks, pointer, entries, data, work, lanes, applied):
 
 
 @serial_and_parallel
-def collect_forces(chunks, pointer, entries, data, work, lanes, applied):
+def collect_forces(collection, data, work, lanes, applied):
     """Add the forces of all units to the applied forces of one group.
 
     Parameters
     ----------
-    chunks
-        Boundaries of pieces of applied rows, (n_chunks + 1,).
-    pointer, entries
-        For each applied row, the (unit, first scalar of its node, first copy or -1, first of its
-        lanes in both sides' copies) that act on it.
-    data, work
-        Constant and work arrays.
+    collection, data, work
+        Which forces act, constant and work arrays.
     lanes
         Lanes of the group.
     applied
         Flat (n_applied, 3, lanes), updated.
     """
-    for c in prange(len(chunks) - 1):
-        _collect_chunk(c, chunks, pointer, entries, data, work, lanes, applied)
+    for c in prange(len(collection.chunks) - 1):
+        _collect_chunk(c, collection, data, work, lanes, applied)

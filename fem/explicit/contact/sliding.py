@@ -9,7 +9,7 @@ moved by a hundredth of that, a thousandth of an edge: what stale cuts err by is
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -19,6 +19,7 @@ from fem.element.facet import facet_functions
 from fem.explicit.body import LaneBody
 from fem.explicit.contact.contact import BlockContact
 from fem.explicit.contact.sliding_kernel import (
+    SurfaceNodes,
     add_travel,
     apply_surface,
     place_surface,
@@ -46,18 +47,14 @@ _LOOK = 1024
 _AT_REST = 1e-6
 
 
-@dataclass(frozen=True)
-class _Group:
-    """Surface nodes of one group."""
+class _Group(NamedTuple):
+    """Surface of one group."""
 
     where: slice
-    reference: FloatArray
+    """Its nodes among those of all."""
+    nodes: SurfaceNodes
     rows: IntArray
-    applied: IntArray
-    copies: IntArray
-    turns: FloatArray
-    turn_of: IntArray
-    surface_rows: IntArray
+    """Body rows on the surface, each once, (n,)."""
 
 
 class SlidingContact(BlockContact):
@@ -94,18 +91,10 @@ class SlidingContact(BlockContact):
         points = self.points
         self._follow(loop)
         for group, body, travel in zip(self._groups, loop.bodies, self._travel, strict=True):
-            place_surface(
-                group.reference,
-                group.rows,
-                body.lanes,
-                group.copies,
-                group.turns,
-                group.turn_of,
-                body.now.displacement.ravel(),
-                points.position[group.where],
-            )
+            flat, position = body.now.displacement.ravel(), points.position[group.where]
+            place_surface(group.nodes, body.lanes, flat, position)
             gone = np.zeros(body.n_copies)
-            add_travel(group.surface_rows, body.now.velocity, loop.time_step, gone)
+            add_travel(group.rows, body.now.velocity, loop.time_step, gone)
             np.add(travel, gone, out=travel)
         if not self._counts[0]:
             self._search()
@@ -113,11 +102,7 @@ class SlidingContact(BlockContact):
         sliding_forces(
             points.position,
             points.quads,
-            points.now.slave,
-            points.now.shapes,
-            points.now.weights,
-            points.now.facet,
-            points.now.xi,
+            points.now,
             self._constants,
             None if self._slip is None else self._slip[:n],
             self._dissipated,
@@ -127,15 +112,8 @@ class SlidingContact(BlockContact):
         for group, body in zip(self._groups, loop.bodies, strict=True):
             if body.now.applied_force is None:
                 continue
-            apply_surface(
-                self._force[group.where],
-                group.applied,
-                body.lanes,
-                group.copies,
-                group.turns,
-                group.turn_of,
-                body.now.applied_force.ravel(),
-            )
+            flat, force = body.now.applied_force.ravel(), self._force[group.where]
+            apply_surface(group.nodes, body.lanes, force, flat)
 
     def _follow(self, loop: Loop) -> None:
         """Search or cut at the last positions, if two blocks together have moved since by a skin.
@@ -270,19 +248,18 @@ def _group(points: FacingPoints, number: int, body: LaneBody) -> _Group:
     members = [k for k, s in enumerate(surfaces) if s.group == number]
     if not members:
         none, empty = np.empty(0, dtype=np.int64), np.empty((0, 3))
-        return _Group(slice(0, 0), empty, none, none, none, np.empty((0, 3, 3)), none, none)
+        nothing = SurfaceNodes(empty, none, none, none, np.empty((0, 3, 3)), none)
+        return _Group(slice(0, 0), nothing, none)
     sizes = [len(surfaces[k].nodes) for k in members]
-    nodes = np.concatenate([surfaces[k].nodes for k in members])
-    rows = body.rows.row[nodes]
+    rows = body.rows.row[np.concatenate([surfaces[k].nodes for k in members])]
     assert body.applied_row is not None
     first, last = points.node_start[members[0]], points.node_start[members[-1] + 1]
-    return _Group(
-        where=slice(int(first), int(last)),
+    nodes = SurfaceNodes(
         reference=np.concatenate([surfaces[k].reference for k in members]),
         rows=rows,
         applied=body.applied_row[rows].astype(np.int64),
         copies=np.repeat([surfaces[k].copy for k in members], sizes),
         turns=np.stack([surfaces[k].rotation for k in members]),
         turn_of=np.repeat(np.arange(len(members)), sizes),
-        surface_rows=np.unique(rows),
     )
+    return _Group(slice(int(first), int(last)), nodes, np.unique(rows))

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -25,6 +25,7 @@ from fem.explicit.kernels.lanes import REGISTER_DOUBLES, lane_operations, larger
 from fem.explicit.kernels.options import OPTIONS
 from fem.explicit.kernels.triples import dot, triple_of, triple_operations
 from geometry.compilation import njit
+from geometry.mesh import FloatArray, IntArray
 
 #: Newton iterations on the closest point; a step moves it by far less than a facet.
 _PROJECTIONS = 6
@@ -135,9 +136,7 @@ def _rub(p, law, pressure, weight, moved, sides, slip, dissipated):
 
 
 @njit(cache=True, **OPTIONS)
-def sliding_forces(
-    position, quads, slave, shapes, weights, facet, xi, law, slip, dissipated, gap, force
-):
+def sliding_forces(position, quads, points, law, slip, dissipated, gap, force):
     """Gaps and nodal forces of all points.
 
     Parameters
@@ -146,10 +145,8 @@ def sliding_forces(
         Surface nodes of all blocks, world axes, (n_nodes, 3) [mm].
     quads
         Facets of all blocks as surface nodes, (n_facets, 4).
-    slave, shapes, weights
-        Facet of each point, (n,), shape functions there, (n, 4), and area, (n,) [mm²].
-    facet, xi
-        Master facet of each point, (n,), and the closest point on it, (n, 2), updated.
+    points
+        `fem.contact.cuts.PointsOnFacets`; the closest points ``xi`` are updated.
     law
         Constants of the contact law, in terms of -d · n, or of that of each point, (n, 9).
     slip, dissipated
@@ -160,6 +157,7 @@ def sliding_forces(
     force
         Out: on the surface nodes, world axes, (n_nodes, 3) [N].
     """
+    slave, shapes, weights, _, facet, xi = points
     force[:] = 0.0
     for p in range(len(facet)):
         own, quad = quads[slave[p]], quads[facet[p]]
@@ -202,25 +200,27 @@ def sliding_forces(
         _add(force, quad[3], -0.25 * (1.0 - r) * (1.0 + s), pull)
 
 
-@njit(cache=True, **OPTIONS)
-def place_surface(reference, rows, lanes, copies, turns, turn_of, displacement, position):
-    """World positions of the surface nodes of one group, R (X + u) + t.
+class SurfaceNodes(NamedTuple):
+    """Surface nodes of one group."""
 
-    Parameters
-    ----------
-    reference
-        R X + t of each node, (n, 3) [mm].
-    rows, copies
-        Body row and copy of each node, (n,).
-    lanes
-        Lanes of the body.
-    turns, turn_of
-        Placements of blocks, (n_blocks, 3, 3), and which of them each node has, (n,).
-    displacement
-        Flat (n_rows, 3, lanes) [mm].
-    position
-        Out: (n, 3).
-    """
+    reference: FloatArray
+    """R X + t of each node, (n, 3) [mm]."""
+    rows: IntArray
+    """Body row of each, (n,)."""
+    applied: IntArray
+    """Row of the applied force, alike."""
+    copies: IntArray
+    """Copy, alike."""
+    turns: FloatArray
+    """Placements of blocks, (n_blocks, 3, 3)."""
+    turn_of: IntArray
+    """Which of them each node has, (n,)."""
+
+
+@njit(cache=True, **OPTIONS)
+def place_surface(nodes, lanes, displacement, position):
+    """World positions (n, 3) of `SurfaceNodes`, R (X + u) + t, u flat (n_rows, 3, lanes) [mm]."""
+    reference, rows, _, copies, turns, turn_of = nodes
     for k in range(len(rows)):
         turn = turns[turn_of[k]]
         base = 3 * rows[k] * lanes + copies[k]
@@ -230,8 +230,9 @@ def place_surface(reference, rows, lanes, copies, turns, turn_of, displacement, 
 
 
 @njit(cache=True, **OPTIONS)
-def apply_surface(force, rows, lanes, copies, turns, turn_of, applied):
-    """Add world forces of the surface nodes of one group to its applied forces, Rᵀ f."""
+def apply_surface(nodes, lanes, force, applied):
+    """Add world forces (n, 3) of `SurfaceNodes` to flat applied ones, Rᵀ f."""
+    _, _, rows, copies, turns, turn_of = nodes
     for k in range(len(rows)):
         turn = turns[turn_of[k]]
         base = 3 * rows[k] * lanes + copies[k]

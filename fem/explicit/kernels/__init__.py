@@ -19,13 +19,28 @@ from dataclasses import dataclass, fields
 from fem.explicit.kernels import damping, frame, motion, stiffness, viscosity
 from fem.explicit.kernels.forms import Forms
 from fem.explicit.kernels.frame import fit_frames, place_force, set_spins
-from fem.explicit.kernels.motion import dot_lanes, enforce, viscous_power, widths
+from fem.explicit.kernels.motion import (
+    Applied,
+    Damper,
+    Drag,
+    Motion,
+    Placing,
+    dot_lanes,
+    enforce,
+    viscous_power,
+    widths,
+)
 from fem.explicit.kernels.runs import add_at, dot_at, hold
 
 __all__ = [
     "PARALLEL",
     "SERIAL",
+    "Applied",
+    "Damper",
+    "Drag",
     "KernelSet",
+    "Motion",
+    "Placing",
     "add_at",
     "dot_at",
     "dot_lanes",

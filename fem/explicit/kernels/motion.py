@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import NamedTuple
 
 import numpy as np
 from numba import prange
@@ -12,6 +13,7 @@ from numba import prange
 from fem.explicit.kernels.forms import serial_and_parallel
 from fem.explicit.kernels.frame import placed_force
 from fem.explicit.kernels.lanes import add_to
+from fem.explicit.kernels.layout import LaneArray
 from fem.explicit.kernels.options import OPTIONS
 from fem.explicit.kernels.triples import (
     INLINED,
@@ -23,6 +25,70 @@ from fem.explicit.kernels.triples import (
     triple_operations,
 )
 from geometry.compilation import njit
+
+
+class Motion(NamedTuple):
+    """What moves."""
+
+    mass: LaneArray
+    """Lumped mass of the rows, (n_rows,) [t]."""
+    internal_force: LaneArray
+    """Flat (n_rows, 3, lanes), as all that follow, in the block frames where there are any [N]."""
+    displacement: LaneArray
+    """[mm]"""
+    velocity: LaneArray
+    """[mm/s]"""
+    time_step: float
+    """[s]"""
+    gain: float
+    """Velocity by acceleration: Δt, with mass-proportional damping Δt/(1 + a) [s]."""
+
+
+class Drag(NamedTuple):
+    """Mass-proportional damping α, taken at the mean of the two half-step velocities."""
+
+    keep: float
+    """(1 - a)/(1 + a) with a = α Δt / 2."""
+    loss: float
+    """a."""
+    work: LaneArray
+    """Flat (n_chunks, 2, lanes). With the impulse p = α Δt m (v₋ + v₊)/4: [:, 0] grows by
+    p · (v₋ + v₊), the dissipation of the step; [:, 1] is overwritten with p · v₊, the half of it
+    after the time of the force."""
+
+
+class Damper(NamedTuple):
+    """Stiffness-proportional damping β.
+
+    With v = (u - u_old)/Δt the force is β K v = (β/Δt) (K u - K u_old): no second product, and no
+    pass of its own.
+    """
+
+    ratio: float
+    """β/Δt."""
+    before: LaneArray
+    """Internal force of the step before."""
+    work: LaneArray
+    """Flat (n_chunks, 2, lanes): [:, 0] grows by half the product of the damping force with
+    v₋ + v₊, [:, 1] is overwritten with the half of that which comes after the time of the force."""
+
+
+class Placing(NamedTuple):
+    """What turns forces to the placement axes (`fem.explicit.kernels.frame.place_force`)."""
+
+    placing: LaneArray
+    """Flat (4, 3, lanes)."""
+    reference: LaneArray
+    """X of the rows, (n_rows, 3)."""
+
+
+class Applied(NamedTuple):
+    """Loads and contact."""
+
+    row: LaneArray
+    """Row of ``force`` that acts on each row of the block, (n_rows,); -1: none."""
+    force: LaneArray
+    """Flat (n_applied, 3, lanes) [N]."""
 
 
 def _update_lanes(width: int) -> Callable[..., None]:
@@ -37,64 +103,48 @@ def _update_lanes(width: int) -> Callable[..., None]:
         add_to(sums, at + lanes, dot(half, after))
 
     @njit(**OPTIONS)
-    def run(
-        c,
-        lanes,
-        chunks,
-        kinetic,
-        viscous_work,
-        dissipated,
-        time_step,
-        gain,
-        keep,
-        mass,
-        internal_force,
-        placing,
-        reference,
-        ratio,
-        elastic_before,
-        applied_row,
-        applied_force,
-        acceleration,
-        displacement,
-        velocity,
-        loss,
-    ):
+    def run(c, lanes, chunks, motion, kinetic, drag, damper, placing, applied, gravity):
+        mass, internal_force, displacement, velocity, time_step, gain = motion
         if kinetic is not None:
             kinetic[c * lanes : (c + 1) * lanes] = 0.0
-        if dissipated is not None:
+        if drag is not None:
+            dissipated = drag.work
             dissipated[(2 * c + 1) * lanes : (2 * c + 2) * lanes] = 0.0
-        if viscous_work is not None:
+        if damper is not None:
+            elastic_before, viscous_work = damper.before, damper.work
             viscous_work[(2 * c + 1) * lanes : (2 * c + 2) * lanes] = 0.0
+        if applied is not None:
+            applied_row, applied_force = applied
         for i in range(chunks[c], chunks[c + 1]):
             impulse = gain / mass[i]
-            applied = np.int64(-1)
-            if applied_force is not None:
-                applied = np.int64(applied_row[i])
+            pushed = np.int64(-1)
+            if applied is not None:
+                pushed = np.int64(applied_row[i])
             for first in range(0, lanes, width):
                 at = 3 * i * lanes + first
                 before = load_triple(velocity, at, lanes)
                 force = load_triple(internal_force, at, lanes)
                 if placing is not None:
-                    force = placed(internal_force, placing, reference, mass, i, at, first, lanes)
-                if ratio is not None:
+                    frame, reference = placing
+                    force = placed(internal_force, frame, reference, mass, i, at, first, lanes)
+                if damper is not None:
                     change = minus(force, load_triple(elastic_before, at, lanes))
-                    force = plus(force, times(ratio, change))
+                    force = plus(force, times(damper.ratio, change))
                 after = before
-                if keep is not None:
-                    after = times(keep, before)
-                if applied_force is not None:
-                    if applied >= 0:
-                        push = load_triple(applied_force, 3 * applied * lanes + first, lanes)
+                if drag is not None:
+                    after = times(drag.keep, before)
+                if applied is not None:
+                    if pushed >= 0:
+                        push = load_triple(applied_force, 3 * pushed * lanes + first, lanes)
                         force = minus(force, push)
                 after = minus(after, times(impulse, force))
-                if acceleration is not None:
-                    after = plus(after, times(gain, load_triple(acceleration, first, lanes)))
+                if gravity is not None:
+                    after = plus(after, times(gain, load_triple(gravity, first, lanes)))
                 if kinetic is not None:
                     old = load_triple(velocity, at, lanes)
-                if viscous_work is not None:
+                if damper is not None:
                     earlier = load_triple(velocity, at, lanes)
-                if dissipated is not None:
+                if drag is not None:
                     slower = load_triple(velocity, at, lanes)
                 store_triple(velocity, at, lanes, after)
                 moved = plus(load_triple(displacement, at, lanes), times(time_step, after))
@@ -103,15 +153,15 @@ def _update_lanes(width: int) -> Callable[..., None]:
                 if kinetic is not None:
                     twice = dot(old, load_triple(velocity, at, lanes))
                     add_to(kinetic, here, 0.5 * mass[i] * twice)
-                if viscous_work is not None:
+                if damper is not None:
                     elastic = load_triple(internal_force, at, lanes)
                     change = minus(elastic, load_triple(elastic_before, at, lanes))
-                    half = times(0.5 * ratio, change)
+                    half = times(0.5 * damper.ratio, change)
                     later = load_triple(velocity, at, lanes)
                     add_work(viscous_work, here + c * lanes, lanes, half, earlier, later)
-                if dissipated is not None:
+                if drag is not None:
                     later = load_triple(velocity, at, lanes)
-                    half = times(0.5 * loss * mass[i], plus(slower, later))
+                    half = times(0.5 * drag.loss * mass[i], plus(slower, later))
                     add_work(dissipated, here + c * lanes, lanes, half, slower, later)
 
     return run
@@ -126,13 +176,10 @@ def widths(lanes: int) -> tuple[int | None, int | None]:
 
 
 @serial_and_parallel
-def update(lanes, fours, ones, chunks, *motion):
+def update(lanes, fours, ones, chunks, motion, kinetic, drag, damper, placing, applied, gravity):
     """Advance velocity to the next half step and displacement to the next step, in place.
 
-    v ← keep · v + gain (f_applied - f_internal) / m + gain · g,   u ← u + Δt v,
-
-    with keep = (1 - a)/(1 + a), gain = Δt/(1 + a), a = α Δt / 2 for mass-proportional damping
-    taken at the mean of the two half-step velocities; without damping keep is None, gain Δt.
+    v ← keep · v + gain (f_applied - f_internal) / m + gain · g,   u ← u + Δt v.
 
     Parameters
     ----------
@@ -143,34 +190,20 @@ def update(lanes, fours, ones, chunks, *motion):
     chunks
         Row boundaries.
     motion
-        Flat arrays and scalars:
-
-        - kinetic: None, or (n_chunks, lanes): partial sums of ½ m v₋ · v₊, overwritten.
-        - viscous_work: None, or (n_chunks, 2, lanes): [:, 0] grows by half the product of the
-          stiffness-proportional damping force with v₋ + v₊, [:, 1] is overwritten with the half
-          of that which comes after the time of the force.
-        - dissipated: None, or (n_chunks, 2, lanes). With the impulse of the mass-proportional
-          damping p = α Δt m (v₋ + v₊)/4: [:, 0] grows by p · (v₋ + v₊), the dissipation of the
-          step; [:, 1] is overwritten with p · v₊, the half of it after the time of the force.
-        - time_step, gain, keep: scalars; keep may be None.
-        - mass: lumped mass of the rows, (n_rows,) [t].
-        - internal_force: (n_rows, 3, lanes), in the block frames where there are any.
-        - placing, reference: None, or what turns it to the placement axes, and X (n_rows, 3): see
-          `fem.explicit.kernels.frame.place_force`.
-        - ratio, elastic_before: None, or β/Δt of the stiffness-proportional damping and the
-          internal force of the step before. With v = (u - u_old)/Δt the damping force is
-          β K v = (β/Δt) (K u - K u_old): no second product, and no pass of its own.
-        - applied_row, applied_force: None, or the row of ``applied_force`` (n_applied, 3, lanes)
-          that acts on each row of the block (n_rows,), -1 where nothing is applied.
-        - acceleration: None, or a uniform acceleration (3, lanes).
-        - displacement, velocity: (n_rows, 3, lanes).
-        - loss: α Δt / 2 where there is ``dissipated``.
+        `Motion`.
+    kinetic
+        None, or flat (n_chunks, lanes): partial sums of ½ m v₋ · v₊, overwritten.
+    drag, damper, placing, applied
+        None, or `Drag`, `Damper`, `Placing` and `Applied`.
+    gravity
+        None, or a uniform acceleration, flat (3, lanes) [mm/s²].
     """
     for c in prange(len(chunks) - 1):
+        k = np.int64(c)
         if fours is not None:
-            _update_4(np.int64(c), lanes, chunks, *motion)
+            _update_4(k, lanes, chunks, motion, kinetic, drag, damper, placing, applied, gravity)
         if ones is not None:
-            _update_1(np.int64(c), lanes, chunks, *motion)
+            _update_1(k, lanes, chunks, motion, kinetic, drag, damper, placing, applied, gravity)
 
 
 @njit(cache=True, **OPTIONS)
