@@ -306,7 +306,7 @@ def _explicit_report(state: State) -> dict[str, Any]:
     if run is None:
         return {}
     stated = run.stated
-    n_bytes = run.state_bytes + run.constant_bytes
+    n_bytes = run.n_bytes
     data: dict[str, Any] = {
         "status": str(run.status),
         "n_steps": run.n_steps,

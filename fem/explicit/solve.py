@@ -25,8 +25,8 @@ from fem.explicit.damping import (
 )
 from fem.explicit.output.checkpoint import (
     StopRequest,
+    bytes_of,
     read_checkpoint,
-    state_arrays,
     stop_requests,
     write_checkpoint,
 )
@@ -148,20 +148,12 @@ class Run:
     """Of each group, (n_copies, n_nodes, 3) [mm], at `time`."""
     velocities: tuple[FloatArray, ...]
     """Half a step before `time` [mm/s]."""
-    time: float
-    """[s]"""
     n_steps: int
     """Steps done since time 0."""
     time_step: float
     """[s]"""
-    critical: CriticalTimeStep
-    """The largest stable step."""
     history: History
-    """Energies and balance of all samples."""
-    energies: Energies | None
-    """At the last sample; None before the first."""
-    residual: float | None
-    """Last force residual, relative; None when the run did not watch it."""
+    """Energies, balance and relative force residual of all samples."""
     settling: float | None
     """Last estimate of the way still to go over the way gone; None where not watched."""
     round_off: float | None
@@ -170,10 +162,8 @@ class Run:
     """CPU time of the loop in this process, compilation left out."""
     element_updates: int
     """Elements times steps done in this process."""
-    state_bytes: int
-    """Memory of the arrays that evolve."""
-    constant_bytes: int
-    """Memory of stiffness, mass and connectivity of the loop."""
+    n_bytes: int
+    """Memory of the arrays that evolve, and of stiffness, mass and connectivity of the loop."""
     support_forces: tuple[FloatArray, ...] = ()
     """Of the supports on the nodes of each group at `time`, (n_copies, n_nodes, 3) [N]; () where
     nothing is held."""
@@ -184,14 +174,43 @@ class Run:
     """Points of contact at `time`, of the blocks that are computed; None: matched facets."""
     friction: FloatArray | None = None
     """On block s at all points, world axes, (n_facets, n_points, 3) [MPa]; None without."""
-    pushed: tuple[PushCurve, ...] = ()
-    """Force against displacement of each support that moves, at the samples of this process."""
     compile_seconds: float = 0.0
     """CPU time in which loops were compiled on the way; zero where all were kept."""
     restarts: int = 0
     """How often it began again because contact outgrew its time step."""
     static_below: float = RESIDUAL
     """Residual below which its end counts as static [-]."""
+
+    @property
+    def time(self) -> float:
+        """Of the displacements [s]."""
+        return self.n_steps * self.time_step
+
+    @property
+    def critical(self) -> CriticalTimeStep:
+        """The largest stable step."""
+        return self.stated.critical
+
+    @property
+    def energies(self) -> Energies | None:
+        """At the last sample; None before the first."""
+        return self.history.energies
+
+    @property
+    def residual(self) -> float | None:
+        """Last force residual, relative; None when the run did not watch it."""
+        return self.history.residual
+
+    @property
+    def pushed(self) -> tuple[PushCurve, ...]:
+        """Force against displacement of each support that moves, at the samples."""
+        if len(self.history.pushes) < 2:
+            return ()
+        times, *forces = zip(*self.history.pushes, strict=True)
+        return tuple(
+            support.curve(dict(zip(times, of, strict=True)))
+            for support, of in zip(moving_supports(self.stated.system), forces, strict=True)
+        )
 
     @property
     def energy_balance(self) -> float:
@@ -317,8 +336,7 @@ def run_explicit(
         raise TimeStepError(f"end_time: got {end_time} s, expected a finite positive number")
     if sample_interval < 1:
         raise TimeStepError(f"sample_interval: got {sample_interval}, expected at least 1")
-    critical = stated.critical
-    dt = choose_time_step(critical, time_step, safety_factor)
+    dt = choose_time_step(stated.critical, time_step, safety_factor)
     loop = prepare(
         stated, time_step=dt, threads=threads, displacements=displacements, velocities=velocities
     )
@@ -340,7 +358,7 @@ def run_explicit(
     with stop_requests() as request, compiling() as compiled, budget() as run.spent:
         status = run.steps(request)
     cpu = clock.process_time() - started - compiled.cpu_seconds
-    result = _result(run, critical, status, cpu, loop.step - first)
+    result = _result(run, status, cpu, loop.step - first)
     _refuse_imbalance(result)
     return replace(result, compile_seconds=compiled.cpu_seconds)
 
@@ -364,8 +382,6 @@ class _Course:
     """Work of this process."""
     counted: int = 0
     """Steps whose work was counted."""
-    energies: Energies | None = None
-    residual: float | None = None
     settling: float | None = None
     round_off: float | None = None
     still: int = 0
@@ -416,39 +432,35 @@ class _Course:
         loop = self.loop
         number = loop.step - 1
         time = number * loop.time_step
-        self.energies = energies(loop)
+        now = energies(loop)
         if self.moving:
             forces = loop.stated.expand(forces_of_supports(loop, time))
             self.history.pushes.append((time, *(each.force(forces) for each in self.moving)))
-        self.history.observe(self.energies)
+        self.history.observe(now)
         watch(loop, self.history)
+        shown = math.nan
         if self.stop is not None:
-            self.residual = residual(loop).relative
-            self.settling = settling(loop)
-        damping = loop.mass_damping or 0.0
-        shown = math.nan if self.residual is None else self.residual
-        self.history.append(time, number, self.energies, damping, shown)
+            shown, self.settling = residual(loop).relative, settling(loop)
+        self.history.append(time, number, now, loop.mass_damping or 0.0, shown)
         if self.output.progress is not None:
             reported = Progress(
-                time, self.end_time, number + 1, self.n_steps, self.energies, self.residual
+                time, self.end_time, number + 1, self.n_steps, now, self.history.residual
             )
             self.output.progress(reported)
-        if self.stop is None or self.residual is None or time < self.stop.not_before:
+        if self.stop is None or time < self.stop.not_before:
             return Status.FINISHED
         settled = self.settling is None or self.settling <= self.stop.settling
-        if self.residual <= self.stop.residual and settled:
+        if shown <= self.stop.residual and settled:
             return Status.CONVERGED
-        return Status.STALLED if self.stalled() else Status.FINISHED
+        return Status.STALLED if self.stalled(shown, self.stop.residual) else Status.FINISHED
 
-    def stalled(self) -> bool:
+    def stalled(self, residual: float, bound: float) -> bool:
         """Whether the residual has stopped falling at what round-off leaves of it."""
-        assert self.residual is not None
-        assert self.stop is not None
-        if not self.stop.residual:
+        if not bound:
             return False
-        self.still = self.still + 1 if self.residual > self.least_residual else 0
-        self.least_residual = min(self.residual, self.least_residual)
-        if self.still < _STILL_SAMPLES or self.least_residual <= self.stop.residual:
+        self.still = self.still + 1 if residual > self.least_residual else 0
+        self.least_residual = min(residual, self.least_residual)
+        if self.still < _STILL_SAMPLES or self.least_residual <= bound:
             return False
         self.still = 0
         self.round_off = round_off(self.loop)
@@ -494,43 +506,22 @@ def displacements_of(loop: Loop) -> tuple[FloatArray, ...]:
     return tuple(world_vectors(body, body.now.displacement) for body in loop.bodies)
 
 
-def _result(
-    run: _Course, critical: CriticalTimeStep, status: Status, cpu: float, steps: int
-) -> Run:
+def _result(run: _Course, status: Status, cpu: float, steps: int) -> Run:
     loop = run.loop
     return Run(
         stated=loop.stated,
         status=status,
         time_step=loop.time_step,
-        critical=critical,
         history=run.history,
-        energies=run.energies,
-        residual=run.residual,
         settling=run.settling,
         round_off=run.round_off if status is Status.STALLED else None,
         cpu_seconds=cpu,
         element_updates=loop.stated.n_elements * steps,
-        state_bytes=sum(a.nbytes for a in state_arrays(loop).values()),
-        constant_bytes=sum(body.constant_bytes for body in loop.bodies),
+        n_bytes=bytes_of(loop),
         displacements=displacements_of(loop),
         velocities=tuple(world_vectors(body, body.now.velocity) for body in loop.bodies),
-        time=loop.time,
         n_steps=loop.step,
         **_forces_at_end(loop),
-        pushed=_curves(run.moving, run.history.pushes),
-    )
-
-
-def _curves(
-    moving: tuple[MovingSupport, ...], pushes: list[tuple[float, ...]]
-) -> tuple[PushCurve, ...]:
-    """Curve of each support that moves from its samples."""
-    if len(pushes) < 2:
-        return ()
-    times, *forces = zip(*pushes, strict=True)
-    return tuple(
-        support.curve(dict(zip(times, of, strict=True)))
-        for support, of in zip(moving, forces, strict=True)
     )
 
 

@@ -142,6 +142,12 @@ def state_arrays(loop: Loop) -> dict[str, np.ndarray[Any, Any]]:
     return arrays
 
 
+def bytes_of(loop: Loop) -> int:
+    """Memory of what evolves and of the constants of the bodies."""
+    evolves = sum(array.nbytes for array in state_arrays(loop).values())
+    return evolves + sum(body.constant_bytes for body in loop.bodies)
+
+
 def state_numbers(loop: Loop) -> dict[str, float | int]:
     """Every number of the state, by a path of names."""
     return _evolving(loop, (int, float))

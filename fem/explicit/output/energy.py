@@ -7,6 +7,7 @@ keeps its energy to round-off, so the balance shows errors of the model and not 
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field, fields
 
 import numpy as np
@@ -211,6 +212,17 @@ class History:
             put_in=copies * self.put_in,
             pushes=self.pushes,
         )
+
+    @property
+    def energies(self) -> Energies | None:
+        """At the last sample; None before the first."""
+        return Energies(*self.rows[-1][2:-3]) if self.rows else None
+
+    @property
+    def residual(self) -> float | None:
+        """At the last sample; None where the run does not watch it."""
+        last = self.rows[-1][-1] if self.rows else math.nan
+        return None if math.isnan(last) else last
 
     def table(self) -> FloatArray:
         """All samples, (n_samples, len(COLUMNS))."""

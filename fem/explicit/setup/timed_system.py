@@ -58,7 +58,6 @@ def state_of(run: Run) -> State:
     system, copies = stated.system, stated.system.orbits.copies
     if run.searched is not None:
         system = system.on(run.searched)
-    energies = None if run.energies is None else run.energies.times(copies)
     return State(
         system=system,
         displacement=stated.of_system(run.displacements),
@@ -66,7 +65,7 @@ def state_of(run: Run) -> State:
         support_force=stated.of_system(run.support_forces) if run.support_forces else None,
         contact_force=stated.of_system(run.contact_forces),
         time=run.time,
-        run=replace(run, energies=energies, history=run.history.times(copies)),
+        run=replace(run, history=run.history.times(copies)),
     )
 
 

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from fem.dynamics import stated_run
-from fem.explicit.output.checkpoint import state_arrays
+from fem.explicit.output.checkpoint import bytes_of
 from fem.explicit.start import prepare
 from fem.explicit.state import Loop
 from fem.explicit.step import step
@@ -75,11 +75,6 @@ def take_steps(loop: Loop) -> float:
     return (time.thread_time() - start) / TIMED_STEPS
 
 
-def _bytes(loop: Loop) -> int:
-    arrays = sum(a.nbytes for a in state_arrays(loop).values())
-    return arrays + sum(body.constant_bytes for body in loop.bodies)
-
-
 @dataclass(frozen=True)
 class EffectStudy(CaseStudy):
     """A deformable tube with all its effects, and without one at a time: answers, costs of a step.
@@ -99,7 +94,7 @@ class EffectStudy(CaseStudy):
         case, base = self.case(number), self.case(0)
         if number == 0:
             loop = ready(case)
-            cost: dict[str, Any] = {"bytes": _bytes(loop)}
+            cost: dict[str, Any] = {"bytes": bytes_of(loop)}
             take_steps(loop)
             cost["seconds_per_step"] = min(take_steps(loop) for _ in range(ROUNDS))
         else:
@@ -194,6 +189,6 @@ def _measured(case: Case, without: Case) -> dict[str, float]:
     plain, mine = (min(column) for column in zip(*rounds, strict=True))
     return {
         "step": mine / plain,
-        "memory": _bytes(loop) / _bytes(plain_loop),
+        "memory": bytes_of(loop) / bytes_of(plain_loop),
         "time_step": loop.time_step / plain_loop.time_step,
     }
