@@ -70,7 +70,8 @@ def prepare(
     loop = Loop(
         stated=stated,
         bodies=bodies,
-        time_step=time_step,
+        # Of NumPy's own scalars numba asks the type at length, at every call.
+        time_step=float(time_step),
         kernels=SERIAL if threads == 1 else PARALLEL,
         interactions=tuple(interactions),
         mass_damping=0.0 if effects.adaptive_mass_damping is not None else effects.mass_damping,

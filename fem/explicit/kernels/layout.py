@@ -9,6 +9,7 @@ arrays are (n_copies, n_nodes, 3) in the numbering of the mesh.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -88,7 +89,7 @@ class BlockRows:
         """Number of rows."""
         return len(self.order)
 
-    @property
+    @cached_property
     def packed(self) -> tuple[PackedRows, int | None, IntArray | None, int | None]:
         """First arguments of `fem.explicit.kernels.stiffness.stiffness_product`.
 
