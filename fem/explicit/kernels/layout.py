@@ -9,8 +9,7 @@ arrays are (n_copies, n_nodes, 3) in the numbering of the mesh.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -47,15 +46,6 @@ def aligned_zeros(shape: tuple[int, ...]) -> LaneArray:
     return raw[start : start + 8 * count].view(np.float64).reshape(shape)
 
 
-class PackedRows(NamedTuple):
-    """Blocks of all rows: see `BlockRows`."""
-
-    chunks: IntArray
-    pointer: IntArray
-    column: npt.NDArray[np.int32]
-    blocks: LaneArray
-
-
 @dataclass(frozen=True)
 class BlockRows:
     """A sparse stiffness as 3 × 3 node blocks, rows in the solver's node order.
@@ -89,16 +79,15 @@ class BlockRows:
         """Number of rows."""
         return len(self.order)
 
-    @cached_property
-    def packed(self) -> tuple[PackedRows, int | None, IntArray | None, int | None]:
+    @property
+    def packed(self) -> tuple[Any, ...]:
         """First arguments of `fem.explicit.kernels.stiffness.stiffness_product`.
 
         What rows are not (whole, half of several copies, half of one) is None, and not compiled.
         """
         whole = 1 if self.shared is None else None
         shared = self.shared if self.reach is None else None
-        packed = PackedRows(self.chunks, self.pointer, self.column, self.blocks)
-        return packed, whole, shared, self.reach
+        return self.chunks, self.pointer, whole, shared, self.reach, self.column, self.blocks
 
 
 def node_order(stiffness: bsr_array) -> IntArray:

@@ -108,13 +108,15 @@ def _update_lanes(width: int) -> Callable[..., None]:
         if kinetic is not None:
             kinetic[c * lanes : (c + 1) * lanes] = 0.0
         if drag is not None:
-            dissipated = drag.work
+            keep, loss, dissipated = drag
             dissipated[(2 * c + 1) * lanes : (2 * c + 2) * lanes] = 0.0
         if damper is not None:
-            elastic_before, viscous_work = damper.before, damper.work
+            ratio, elastic_before, viscous_work = damper
             viscous_work[(2 * c + 1) * lanes : (2 * c + 2) * lanes] = 0.0
         if applied is not None:
             applied_row, applied_force = applied
+        if placing is not None:
+            frame, reference = placing
         for i in range(chunks[c], chunks[c + 1]):
             impulse = gain / mass[i]
             pushed = np.int64(-1)
@@ -125,14 +127,13 @@ def _update_lanes(width: int) -> Callable[..., None]:
                 before = load_triple(velocity, at, lanes)
                 force = load_triple(internal_force, at, lanes)
                 if placing is not None:
-                    frame, reference = placing
                     force = placed(internal_force, frame, reference, mass, i, at, first, lanes)
                 if damper is not None:
                     change = minus(force, load_triple(elastic_before, at, lanes))
-                    force = plus(force, times(damper.ratio, change))
+                    force = plus(force, times(ratio, change))
                 after = before
                 if drag is not None:
-                    after = times(drag.keep, before)
+                    after = times(keep, before)
                 if applied is not None:
                     if pushed >= 0:
                         push = load_triple(applied_force, 3 * pushed * lanes + first, lanes)
@@ -156,12 +157,12 @@ def _update_lanes(width: int) -> Callable[..., None]:
                 if damper is not None:
                     elastic = load_triple(internal_force, at, lanes)
                     change = minus(elastic, load_triple(elastic_before, at, lanes))
-                    half = times(0.5 * damper.ratio, change)
+                    half = times(0.5 * ratio, change)
                     later = load_triple(velocity, at, lanes)
                     add_work(viscous_work, here + c * lanes, lanes, half, earlier, later)
                 if drag is not None:
                     later = load_triple(velocity, at, lanes)
-                    half = times(0.5 * drag.loss * mass[i], plus(slower, later))
+                    half = times(0.5 * loss * mass[i], plus(slower, later))
                     add_work(dissipated, here + c * lanes, lanes, half, slower, later)
 
     return run

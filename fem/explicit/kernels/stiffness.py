@@ -224,9 +224,10 @@ def _single_sent(chunks, ring, reach, displacement, force, torque):
 
 
 @njit(**OPTIONS)
-def _product_chunk(c, rows, whole, shared, ring, displacement, force, torque, lanes):
+def _product_chunk(
+    c, chunks, pointer, whole, shared, ring, column, blocks, displacement, force, torque, lanes
+):
     """Only one of whole, shared and ring is not None: the loops of the others are not compiled."""
-    chunks, pointer, column, blocks = rows
     begin, end = chunks[c], chunks[c + 1]
     if torque is not None:
         torque[3 * c * lanes : 3 * (c + 1) * lanes] = 0.0
@@ -251,12 +252,14 @@ def _product_chunk(c, rows, whole, shared, ring, displacement, force, torque, la
 
 
 @serial_and_parallel
-def stiffness_product(rows, whole, shared, reach, displacement, force, torque, lanes):
+def stiffness_product(
+    chunks, pointer, whole, shared, reach, column, blocks, displacement, force, torque, lanes
+):
     """Internal force K u of every copy; overwrites ``force``.
 
     Parameters
     ----------
-    rows, whole, shared, reach
+    chunks, pointer, whole, shared, reach, column, blocks
         The packed stiffness (`fem.explicit.kernels.layout.BlockRows`).
     displacement, force
         Flat views of (n_rows, 3, lanes).
@@ -265,15 +268,15 @@ def stiffness_product(rows, whole, shared, reach, displacement, force, torque, l
     lanes
         Padded number of copies.
     """
-    rest, chunks = (displacement, force, torque, lanes), rows.chunks
+    rest = (column, blocks, displacement, force, torque, lanes)
     if reach is None:
         for c in prange(len(chunks) - 1):
-            _product_chunk(np.int64(c), rows, whole, shared, None, *rest)
+            _product_chunk(np.int64(c), chunks, pointer, whole, shared, None, *rest)
     else:
         size = 16
         while size < 4 * (reach + 1):
             size *= 2
         ring = np.zeros((len(chunks) - 1, size), displacement.dtype)
         for c in prange(len(chunks) - 1):
-            _product_chunk(np.int64(c), rows, None, None, ring, *rest)
+            _product_chunk(np.int64(c), chunks, pointer, None, None, ring, *rest)
         _single_sent(chunks, ring, reach, displacement, force, torque)
