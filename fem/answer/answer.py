@@ -306,7 +306,6 @@ def _explicit_report(state: State) -> dict[str, Any]:
     if run is None:
         return {}
     stated = run.stated
-    n_bytes = run.n_bytes
     data: dict[str, Any] = {
         "status": str(run.status),
         "n_steps": run.n_steps,
@@ -318,7 +317,7 @@ def _explicit_report(state: State) -> dict[str, Any]:
         "energies": energies_of(state),
         "energy_balance": run.energy_balance,
         "element_updates_per_cpu_second": run.element_updates_per_cpu_second,
-        "bytes_per_node": n_bytes / stated.system.n_nodes,
+        "bytes_per_node": run.n_bytes / stated.system.n_nodes,
         "cpu_seconds": {"loop": run.cpu_seconds},
     }
     return data | _quasi_static_report(state)
