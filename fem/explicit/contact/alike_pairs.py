@@ -16,6 +16,7 @@ from itertools import pairwise
 
 import numpy as np
 
+from fem.element.facet import FACET_SLOPES
 from fem.explicit.kernels.lanes import REGISTER_DOUBLES
 from fem.system.system import System
 from geometry.interface import SAME_PLACEMENT
@@ -46,8 +47,8 @@ class AlikePairs:
     """(x_m + x_s)/2 before any displacement, master frame, (n_nodes, 3) [mm]."""
     rotation: FloatArray
     """From the frame of the opposing block to that of the master, (3, 3)."""
-    weights: FloatArray
-    """Area that each Gauss point stands for, (n_facets, 4) [mm²]."""
+    share: FloatArray
+    """Part of each facet that counts (`fem.system.sector.Orbits`), (n_facets,)."""
     facets: IntArray
     """Which of the matched facets that are computed each one is, (n_pairs, n_facets)."""
     begins: IntArray
@@ -63,6 +64,16 @@ class AlikePairs:
         """Facets of one pair."""
         return len(self.corners)
 
+    @property
+    def weights(self) -> FloatArray:
+        """Area of each Gauss point, (n_facets, 4) [mm²]."""
+        return self.share[:, None] * np.linalg.norm(self.area_vectors(), axis=2)
+
+    def area_vectors(self) -> FloatArray:
+        """t_1 × t_2 at the Gauss points before any displacement, (n_facets, 4, 3) [mm²]."""
+        tangents = np.einsum("pak,fai->fpki", FACET_SLOPES, self.mean[self.corners])
+        return np.cross(tangents[:, :, 0], tangents[:, :, 1])
+
 
 @dataclass(frozen=True)
 class _Pair:
@@ -73,6 +84,7 @@ class _Pair:
     begins: IntArray
     quads: IntArray
     """Nodes of both sides in the meshes of the representatives, (n_facets, 2, 4)."""
+    share: FloatArray
     key: tuple[int | float | bytes, ...]
     """Shapes, groups, friction, law and connectivity."""
     rotation: FloatArray
@@ -125,6 +137,7 @@ def _seen(
         facets=facets,
         begins=corners[turn][order],
         quads=quads,
+        share=share,
         key=(*shapes, *groups, *_kind(system, m, s), *parts),
         rotation=frames[m].T @ frames[s],
         translation=frames[m].T @ (origins[s] - origins[m]),
@@ -178,7 +191,7 @@ def _join(system: System, pairs: list[_Pair], copy_of: IntArray) -> AlikePairs:
         offset=x_s - x_m,
         mean=0.5 * (x_m + x_s),
         rotation=first.rotation,
-        weights=system.points.weights[first.facets[:, None], first.begins],
+        share=first.share,
         facets=np.array([pair.facets for pair in pairs]),
         begins=np.array([pair.begins for pair in pairs]),
     )

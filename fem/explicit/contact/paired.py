@@ -12,7 +12,7 @@ import numpy as np
 from fem.contact.friction import slip_sides
 from fem.contact.normals import ContactNormals
 from fem.contact.search import SearchedPoints
-from fem.element.facet import FACET_CORNERS, FACET_SLOPES
+from fem.element.facet import FACET_CORNERS
 from fem.explicit.body import LaneBody
 from fem.explicit.contact.alike_pairs import WIDEST, AlikePairs, alike_pairs, unit_widths
 from fem.explicit.contact.contact import BlockContact
@@ -286,9 +286,7 @@ def _unit_work(data: UnitArrays) -> UnitWork:
 
 
 def _reference_normals(pairs: tuple[AlikePairs, ...]) -> FloatArray:
-    corners = np.concatenate([result.mean[result.corners] for result in pairs])
-    tangents = np.einsum("pak,fai->fpki", FACET_SLOPES, corners)
-    vectors = np.cross(tangents[:, :, 0], tangents[:, :, 1])
+    vectors = np.concatenate([result.area_vectors() for result in pairs])
     return vectors / np.linalg.norm(vectors, axis=2, keepdims=True)
 
 
