@@ -9,7 +9,7 @@ from geometry import PolyhedralAssembly, convex_polyhedron
 from geometry.families.masonry import box
 from geometry.polyhedra.assembly import polyhedral_assembly
 from mbd.building.sweeps import Sweeps
-from mbd.building.take_out import TakeOut, free_directions, take_out
+from mbd.building.take_out import TakeOut, direction_words, free_directions, take_out
 from tests.support.assemblies import boxes, dovetail
 from validation import load_case
 
@@ -144,3 +144,10 @@ def test_a_panel_comes_out_of_a_frame_without_one_rail_only() -> None:
     again = take_out(turned(open_, turn))
     assert outcome(again) == outcome(found)
     assert len(again.left) == len(found.left)
+
+
+@pytest.mark.quick
+def test_directions_along_axes_have_words() -> None:
+    words = {(0, 0, 1): "up", (0, 0, -1): "down", (1, 0, 0): "+x", (0, -1, 0): "-y"}
+    assert [direction_words(np.array(way, dtype=float)) for way in words] == list(words.values())
+    assert direction_words(np.array([0.6, 0.0, -0.8])) == "(0.600, 0.000, -0.800)"
