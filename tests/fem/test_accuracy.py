@@ -17,7 +17,9 @@ from fem.accuracy import strength
 from fem.accuracy.converge import climbed, converge, usual_work
 from fem.accuracy.errors import (
     LEAST_MESHES,
+    OF_SEQUENCES,
     SAFETY,
+    OnMesh,
     error_bar,
     relative,
     sequence_bars,
@@ -101,6 +103,18 @@ def test_an_error_bar_is_the_largest_that_earlier_meshes_tell() -> None:
     assert error_bar(3.0 + 2.0, [(3.0 + 8.0, 4.0)]) == pytest.approx(SAFETY * 2.0)
     vector = np.array([3.0, 4.0])
     assert error_bar(np.zeros(2), [(vector, 2.0)], np.linalg.norm) == pytest.approx(SAFETY * 5.0)
+
+
+@pytest.mark.quick
+@pytest.mark.parametrize("rate", [0.5, 0.7, 1.0])
+def test_three_meshes_show_by_which_rate_a_pressure_at_a_point_converges(rate: float) -> None:
+    """Its bar is the error of the last one by the safety, whatever the rate."""
+    sizes, exact = (1.0, 2.0, 4.0), 3.0
+    values = [exact - 0.5 * size**-rate for size in sizes]
+    found = [{"p_max_point": Measure(value, "MPa")} for value in values]
+    meshes = [OnMesh(*of) for of in zip(found, PRESSURES, sizes, sizes, strict=False)]
+    bar = sequence_bars(meshes)["p_max_point"]
+    assert bar == pytest.approx(OF_SEQUENCES * (exact - values[-1]), rel=1e-6)
 
 
 #: A stored reference that is 0.6 % from every mesh from the second on: docs/trust/error-bars.md.

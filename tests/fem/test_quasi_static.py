@@ -1,11 +1,12 @@
 """Frequencies of blocks on contacts, recommended times, and what counts as static."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from fem import ExponentialLaw, Frames, LinearPenalty, Material
+from fem import ExponentialLaw, Frames, LinearPenalty, Material, Problem, concrete
 from fem.answer.motion import unrestrained_blocks
 from fem.explicit.output.energy import COLUMNS
 from fem.explicit.setup.quasi_static import (
@@ -17,10 +18,11 @@ from fem.explicit.setup.timed_system import timed_system
 from fem.explicit.solve import Status, StopCriterion, run_explicit
 from fem.static.solve import static_state
 from fem.system.effects import AdaptiveMassDamping, BulkViscosity, Effects, RayleighDamping
-from geometry.families.boxes import BrickStack
+from geometry.families.boxes import BrickStack, ColumnBox, box_column
 from geometry.families.sine_block import SineBlockDivisions
 from geometry.families.tube import SineTube
-from geometry.loads import LoadCase, named_load
+from geometry.loads import LoadCase, face_pressure, named_load
+from geometry.parts.supports import HeldFace
 from tests.support.answers import on_its_mesh
 from tests.support.blocks import tsb
 from tests.support.fem_problems import deformable_assembly
@@ -223,3 +225,14 @@ def test_floating_blocks_are_named_by_an_explicit_run() -> None:
     assert explicit.report["loose_blocks"] == [4, 5, 6, 7]
     touching = case.changed({"contact.spacing": 0.0, "fem.method": "explicit"})
     assert not unrestrained_blocks(on_its_mesh(touching, method="explicit").details).size
+
+
+def test_motions_that_supports_hold_have_no_frequency() -> None:
+    """A brick on another, held upward at its top: what is left slides without resistance."""
+    blocks = box_column([ColumnBox((80.0, 60.0, 40.0), (2, 2, 2))] * 2)
+    load = face_pressure(blocks, np.array([1]), "z+", 0.01)
+    free = timed_system(Problem(blocks, load, concrete).deformable).system
+    assert block_frequencies(free, 0.01).lowest > 0.0
+    top = replace(load, held=(HeldFace(1, "z+", np.eye(3)[2:]),))
+    with pytest.raises(ValueError, match="no contact resists any motion"):
+        timed_system(Problem(blocks, top, concrete).deformable)

@@ -55,6 +55,20 @@ def test_crushing_is_judged_by_the_larger_stress_and_never_without_the_pressure(
 
 
 @pytest.mark.quick
+def test_tension_is_round_off_beside_other_stresses_not_beside_forces() -> None:
+    problem = pressed(0.5, tensile_strength=3.0)
+    state = solve_static(problem, Static(mesh="scene", error_estimate=False)).details
+    measures = dict(measures_of(state)) | {"total_reaction": Measure(1e12, "N")}
+
+    def factor(tension: float) -> Measure:
+        stress = replace(measures["sigma_1_averaged"], value=tension)
+        return strength_factors(state, measures | {"sigma_1_averaged": stress})["cracking_factor"]
+
+    assert factor(3.0).value == pytest.approx(1.0)
+    assert factor(1e-11).remark == "none: no tension"
+
+
+@pytest.mark.quick
 def test_a_linear_body_cracks_in_proportion(tubelock) -> None:
     words = ("mesh.divisions=[8,2,2]", "fem.method='static'", "fem.degree=2")
     words = (*words, "material.tensile_strength=3", "fem.error_estimate=false")
