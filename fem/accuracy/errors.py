@@ -216,6 +216,8 @@ def one_mesh_bars(
     degrees: Sequence[tuple[Values, float]],
     sides: Values,
     steps: Values,
+    *,
+    safety: float = SAFETY,
 ) -> dict[str, float]:
     """Estimated errors of measures on one mesh, in their units.
 
@@ -230,11 +232,13 @@ def one_mesh_bars(
         How far both sides of peaks lie apart in the solution itself.
     steps
         What half as many load steps change.
+    safety
+        Factor of safety of what changes between meshes.
     """
-    bars, beside = _compared(values, meshes), sides
+    bars, beside = _compared(values, meshes, safety), sides
     if degrees:
         beside = {name: bar for name, bar in bars.items() if name in _OF_MESHES}
-        bars = _compared(values, degrees)
+        bars = _compared(values, degrees, SAFETY)
     bars = {
         name: (sum if name in AT_EDGES else max)((bar, beside.get(name, 0.0)))
         for name, bar in bars.items()
@@ -246,10 +250,12 @@ def one_mesh_bars(
     return _with_steps(bars, steps)
 
 
-def _compared(values: Values, others: Sequence[tuple[Values, float]]) -> dict[str, float]:
+def _compared(
+    values: Values, others: Sequence[tuple[Values, float]], safety: float
+) -> dict[str, float]:
     """Bars of the measures that all others have: facets may match on one mesh alone."""
     return {
-        name: error_bar(value, [(of[name], reduction) for of, reduction in others])
+        name: error_bar(value, [(of[name], reduction) for of, reduction in others], safety=safety)
         for name, value in values.items()
         if others and all(name in of for of, _ in others)
     }

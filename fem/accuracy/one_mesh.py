@@ -1,6 +1,6 @@
 """Static states on one mesh, and the other meshes that give them error bars.
 
-Coarser meshes, about two thirds and half as fine, are compared by `fem.accuracy.errors`; where
+Coarser meshes, about half and two thirds as fine, are compared by `fem.accuracy.errors`; where
 there is none, a mesh twice as fine, as far as its work allows. Elements of degree two and more are
 judged by the same elements of one degree less as well, curved hexahedra of degree two by degree
 three, since degree one straightens their edges.
@@ -13,7 +13,7 @@ from contextlib import suppress
 from dataclasses import replace
 from typing import NamedTuple
 
-from fem.accuracy.errors import Values, one_mesh_bars, with_stick
+from fem.accuracy.errors import OF_TWO, SAFETY, one_mesh_bars, with_stick
 from fem.accuracy.ladder import coarser, split
 from fem.answer.measures import bracketed, load_step_change, measures_of
 from fem.problem import Problem
@@ -21,10 +21,10 @@ from fem.state import State
 from fem.static.solve import StaticOptions, static_state
 from geometry.block import Block
 from geometry.errors import RefusedError
-from geometry.machine.work import Budget, allowance
+from geometry.machine.work import Budget, LimitError, allowance
 
 #: Elements along an edge of the coarser meshes over those of the run.
-SHARES = (2.0 / 3.0, 0.5)
+SHARES = (0.5, 2.0 / 3.0)
 #: Error of elements of one degree less over that of one degree more, at least: shares, this factor
 #: and `SAFETY` are judged by stored finer answers in tests/fem/test_error_estimate.py.
 _DEGREE = 2.0
@@ -50,22 +50,38 @@ def static_errors(
         Operations of the solution: of elements of degree one without a coarser mesh, such as
         hexahedra of one's own, the state on a finer one is solved where so much more work is left.
         None: it is not.
+
+    Raises
+    ------
+    LimitError
+        A limit is reached before one coarser mesh. One after it leaves wider bars of that alone.
     """
     degrees = []
     if problem.degree > 1:
         more = problem.degree == 2 and any(map(_is_straightened, problem.blocks.shapes))
         other = solve(replace(problem, degree=problem.degree + (1 if more else -1)))
         degrees = [(values_of(other), 1.0 / _DEGREE if more else _DEGREE)]
-    coarser_ones = list(_coarser_solutions(problem, solve))
+    coarser_ones, stick, safety = list[tuple[Problem, State]](), dict[str, float](), SAFETY
+    for stated in _coarser_problems(problem):
+        try:
+            other = solve(stated)
+        except LimitError:
+            if not coarser_ones:
+                raise
+            safety = OF_TWO
+            break
+        except RefusedError:
+            continue
+        if not coarser_ones:
+            stick = _change_by_stick(stated, other, solve)
+        coarser_ones.append((stated, other))
     others = [other for _, other in coarser_ones]
     few = spent is not None and spent.grown(_FINER) <= allowance().work
     if few and not others and not degrees:
         with suppress(RefusedError):
             others = [solve(split(problem, 2, 1))]
-    stick: Values = {}
-    if _sticks_by_default(problem):
-        coarse, known = coarser_ones[-1] if coarser_ones else (problem, state)
-        stick = _changes(solve(_softer(coarse)), known)
+    if not coarser_ones:
+        stick = _change_by_stick(problem, state, solve)
     elements, meshes = state.deformable.n_elements, []
     for other in others:
         refinement = (elements / other.deformable.n_elements) ** (1.0 / 3.0)
@@ -77,6 +93,7 @@ def static_errors(
         degrees,
         bracketed(state) if meshes and not degrees else {},
         load_step_change(state),
+        safety=safety,
     )
     searched = not problem.searches and any(one.searches for one, _ in coarser_ones)
     return OneMeshErrors(with_stick(bars, stick), searched)
@@ -106,6 +123,13 @@ def stick_change(
     return _changes(softer, state)
 
 
+def _change_by_stick(
+    problem: Problem, state: State, solve: Callable[[Problem], State]
+) -> dict[str, float]:
+    """As `stick_change`, by a function that solves a problem."""
+    return _changes(solve(_softer(problem)), state) if _sticks_by_default(problem) else {}
+
+
 def _sticks_by_default(problem: Problem) -> bool:
     return problem.coulomb is not None and problem.coulomb.stick_stiffness is None
 
@@ -132,14 +156,12 @@ def _is_straightened(block: Block) -> bool:
     return block.curve is not None and block.charts is None
 
 
-def _coarser_solutions(
-    problem: Problem, solve: Callable[[Problem], State]
-) -> Iterator[tuple[Problem, State]]:
-    solved = set[int]()
+def _coarser_problems(problem: Problem) -> Iterator[Problem]:
+    """The problem on coarser meshes, the coarsest first: the others take most of the time."""
+    known = set[int]()
     for share in SHARES:
         stated = coarser(problem, share)
         elements = 0 if stated is None else sum(s.mesh.n_elements for s in stated.blocks.shapes)
-        if stated is not None and elements not in solved:
-            solved.add(elements)
-            with suppress(RefusedError):
-                yield stated, solve(stated)
+        if stated is not None and elements not in known:
+            known.add(elements)
+            yield stated

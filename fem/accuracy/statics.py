@@ -39,7 +39,7 @@ from geometry.assembly import Assembly
 from geometry.compilation.clocks import Stopwatch, timed_stages
 from geometry.errors import RefusedError
 from geometry.machine.system import one_thread_of_blas
-from geometry.machine.work import LIMITS, Budget, budget, clock, unlimited
+from geometry.machine.work import LIMITS, Budget, LimitError, budget, clock, unlimited
 from geometry.mesh import FloatArray
 from geometry.parts.rows import Notes, Part, Row
 
@@ -210,9 +210,9 @@ def _answer(
         limit = budget(MOST_SECONDS if method.max_work is None else None, clock(method.max_seconds))
     else:
         limit = budget(ends=clock(0.0) if result.accuracy.stopped_by == "interrupt" else ends)
-    with limit as left:
+    with limit:
         if result is None:
-            bars = _of_coarser(problem, method, options, state, follower, work=(spent, left))
+            bars = _of_coarser(problem, method, options, state, follower, spent=spent)
         else:
             bars = _of_meshes(problem, options, result)
         parts, factors = bars.parts, dict[str, Measure]()
@@ -259,21 +259,22 @@ def _of_coarser(
     state: State,
     follower: _Follower,
     *,
-    work: tuple[Budget, Budget],
+    spent: Budget,
 ) -> _Bars:
     """Bars of the mesh of the problem: none of a problem after another, nor where not asked for.
 
-    ``work`` is what the state took, and what may be done now.
+    ``spent`` is what the state took.
     """
-    (spent, left), parts, errors = work, dict[str, Part](), dict[str, float]()
+    parts, errors = dict[str, Part](), dict[str, float]()
     if method.error_estimate and problem.after is None:
         follower.tell("coarser meshes, for the errors")
         solve = partial(_state, options=options)
-        errors, searched = static_errors(problem, state, solve, spent)
-        if left.stopped_by and not errors:
-            words = f"none: {LIMITS[left.stopped_by]}"
+        try:
+            errors, searched = static_errors(problem, state, solve, spent)
+        except LimitError as limit:
+            words, searched = f"none: {LIMITS[limit.by]}", False
             parts["notes"] = Notes([Row("error bars", words, group="evidence")])
-        elif searched:
+        if searched:
             parts["notes"] = Notes([Row("error bars", _TWO_SEARCHES, group="evidence")])
         follower.watch.lap("error bars")
     elif not method.error_estimate:

@@ -18,7 +18,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -36,6 +36,8 @@ _TOUCHING = 1e-9
 #: Tubes take the same time with both, a wall of 44 bricks 97 CPU s for 36; at 300 first iterations
 #: of tubes fail.
 STIFFER = 30.0
+#: Friction over that stated with which points that press stick.
+_STICKING = 1e3
 #: Friction without slip: nothing is divided by zero.
 _NO_FRICTION = 1e-300
 #: Coefficients of dry materials stay below 2; beyond this a number is something else.
@@ -196,6 +198,11 @@ class Coulomb:
         limit = self.coefficient * pressure
         share = _shares(slip[..., 0], slip[..., 1], self.stick, limit)[..., None]
         return self.stick * slip, share, share < 1.0
+
+    @property
+    def sticking(self) -> Coulomb:
+        """The law with so much friction that points which press stick; frictionless ones slide."""
+        return replace(self, coefficient=_STICKING * self.coefficient)
 
     @property
     def touching_pressure(self) -> FloatArray:

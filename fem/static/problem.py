@@ -9,6 +9,7 @@ from functools import cached_property
 
 import numpy as np
 
+from fem.contact.friction import Coulomb
 from fem.contact.search import SearchedPoints
 from fem.static.linear_step.condensed import CondensedStep
 from fem.static.linear_step.flexibility import FlexibilityStore
@@ -84,10 +85,17 @@ class StaticProblem:
     store: FlexibilityStore
     """Of condensed blocks."""
     step: LinearStep
+    law: Coulomb
+    """Pressure and friction of its points."""
 
     def on(self, system: System) -> StaticProblem:
         """The problem of the same blocks on other points of contact, or in another stage."""
         return problem_of(system, self.options, self.store)
+
+    @property
+    def slides(self) -> bool:
+        """Whether points may slide: with friction, unless all of them are taken to stick."""
+        return self.system.has_friction and self.law is self.system.law
 
     @cached_property
     def free(self) -> FreeMotions | None:
@@ -134,7 +142,7 @@ def problem_of(
         step = ReducedStep(system, store, options.sparse_solver)
     else:
         step = CondensedStep(system, store, friction=friction)
-    return StaticProblem(system, options, store, step)
+    return StaticProblem(system, options, store, step, system.law)
 
 
 def structured_blocks(deformable: System, options: StaticOptions) -> tuple[GridBlock, ...] | None:
