@@ -33,8 +33,7 @@ from geometry.parts.pairs import OfPairs, pair_values
 _TOUCHING = 1e-9
 #: Default stick stiffness over Young's modulus per length of a block [-]. Judged on three cubes
 #: under their weight (averaged tension 20 % from rigid stick at 3, 2.7 % at 30), walls and tubes.
-#: Tubes take the same time with both, a wall of 44 bricks 97 CPU s for 36; at 300 first iterations
-#: of tubes fail.
+#: Tubes take the same time with both; at 300 first iterations of tubes fail.
 STIFFER = 30.0
 #: Friction over that stated with which points that press stick.
 _STICKING = 1e3

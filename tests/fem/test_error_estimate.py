@@ -12,7 +12,7 @@ from geometry.answer import WIDEST
 from tests.support.answers import on_its_mesh
 from tests.support.own_blocks import column
 from tests.support.references import references
-from validation import Case, load_case
+from validation import Case, load_case, solve
 
 #: Scenes of the coverage: three shapes under three loads, contact on slopes, waves and flanks.
 CASES = {
@@ -133,3 +133,20 @@ def test_a_measure_that_a_coarser_mesh_has_not_gets_no_bar() -> None:
     fine = {"max_displacement": 1.0, "largest_joint_force": 3.0}
     coarse = {"max_displacement": 1.1, "p_max": 2.0}
     assert list(one_mesh_bars(fine, [(coarse, 2.0)], [], {}, {})) == ["max_displacement"]
+
+
+def test_limit_reached_in_coarser_meshes_leaves_the_state_and_wider_bars_or_none() -> None:
+    """Two courses of bricks: the coarsest mesh is solved first, and the other takes most work."""
+    wall = load_case("wall", {"assembly.columns": 2, "assembly.rows": 2}, method="static")
+    whole = solve(wall)  # a third of it is the state, a fifth the coarsest mesh
+    for share, bars in ((0.4, False), (0.75, True)):
+        cut = solve(wall.changed({"fem.max_work": share * whole.as_dict()["work"]["done"]}))
+        for name, measure in whole.measures.items():
+            found = cut.measures[name]
+            assert found.value == pytest.approx(measure.value, rel=1e-9, abs=1e-12)
+            if not bars:
+                assert found.error is None
+        if not bars:
+            assert "none: the limit of work" in str(cut)
+        else:
+            assert errors_of(cut)["max_displacement"] > errors_of(whole)["max_displacement"]
