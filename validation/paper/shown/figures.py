@@ -149,7 +149,8 @@ def rings(run: Answer) -> dict[str, IntArray]:
 def draw_pressure_comparison(left: Answer, right: Answer, path: Path, *, title: str) -> None:
     """Draw two pressure distributions in the same colours: whole tubes outside, rings inside."""
     highest = [run.details.contact_pressures for run in (left, right)]
-    scale = scale_from_zero("contact pressure [MPa]", PRESSURE_MAP, highest)
+    label, nothing = "contact pressure [MPa]", "open joint"
+    scale = scale_from_zero(label, PRESSURE_MAP, highest, nothing=nothing)
 
     def tube(run: Answer) -> list[Panel]:
         return [Panel(f"{run.case.name}, cut open", _view(run, _far_half(run), scale, EYE))]

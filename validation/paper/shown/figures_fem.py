@@ -54,7 +54,8 @@ def draw_layer_comparison(evidence: PaperEvidence, path: Path) -> None:
 
     All twelve of `pressure_pairs`.
     """
-    scale = Scale("contact pressure / largest in the panel [–]", PRESSURE_MAP, 0.0, 1.0, (0.0, 1.0))
+    label, ends = "contact pressure / largest in the panel [–]", (0.0, 1.0)
+    scale = Scale(label, PRESSURE_MAP, *ends, reached=ends, nothing="open joint")
     columns: list[list[Panel]] = [[] for _ in range(4)]
     for number, pair in enumerate(pressure_pairs(evidence)):
         block, case, side = pair.name.split()
