@@ -1,11 +1,19 @@
 """Stresses averaged over the parts of balls that lie in a block.
 
-Elements of degree 1 are averaged by their integration points, those of higher degree by cells.
+An average is a mean over cells: places with a volume and a stress. Those of elements of degree 1
+are their integration points, or whole elements where these are small against the ball. Stresses are
+known nowhere else there, so balls lie around centres of elements alone.
 
-Averages over balls are taken from cells, those on the edge of a ball in part: first everywhere,
-then where they are largest at closer and closer places, surfaces included, and with smaller and
-smaller cells; the last ones are extrapolated to vanishing cells. In blocks with too many balls of
-that size larger balls are averaged first, and smaller ones only where those have the most tension.
+Elements of higher degree are cut into cells, those on the edge of a ball count in part: first
+everywhere, then where averages are largest at closer and closer places, surfaces included, and with
+smaller and smaller cells; the last ones are extrapolated to vanishing cells. In blocks with too
+many balls of that size larger balls are averaged first, and smaller ones only where those have the
+most tension.
+
+Fourteen numbers are tuned, because the smallest cells at the closest places would take thousands
+of times as long everywhere. Nine decide the value: two sizes of cells, three distances of centres
+and four shares of the largest average that a place needs to be looked at more closely. Five limit
+work and memory.
 """
 
 from __future__ import annotations
@@ -15,11 +23,12 @@ from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
-from scipy.sparse import coo_array, csr_array
+from scipy.sparse import coo_array
 from scipy.spatial import cKDTree
 
 from fem.element.functions import line_basis
 from fem.element.hexahedron import point_volumes
+from fem.element.kinds import integration_points
 from fem.element.lagrange import adjugates
 from fem.element.stress import largest_tension, principal_stress, stress_of_gradient
 from fem.stresses.recovery import MovedBodies
@@ -329,13 +338,22 @@ def _tension(cells: _Cells, centres: FloatArray, radius: float, size: float) -> 
         cells.tree, radius + 0.5 * ramp, output_type="ndarray"
     )
     members = near["j"]
-    count(Operation.ELEMENT, 9.0 * len(near) * (1 + len(cells.stress)))
     share = cells.volumes[members] * np.clip((radius - near["v"]) / ramp + 0.5, 0.0, 1.0)
+    return principal_stress(_means(cells, (near["i"], members), share, len(centres)))[..., 0]
+
+
+def _means(
+    cells: _Cells, pairs: tuple[IntArray, IntArray], share: FloatArray, n_balls: int
+) -> FloatArray:
+    """Means over balls, (n_bodies, n_balls, 6) [MPa].
+
+    From pairs of a ball and a cell (n,) each, and the volume of that cell in that ball (n,) [mm³].
+    """
+    count(Operation.ELEMENT, 9.0 * len(share) * (1 + len(cells.stress)))
     # As it is: sorting it by rows takes longer than the products.
-    weights = coo_array((share, (near["i"], members)), (len(centres), len(cells.positions)))
-    total = np.bincount(near["i"], share, minlength=len(centres))[:, None]
-    means = np.stack([(weights @ layer) / total for layer in cells.stress])
-    return principal_stress(means)[..., 0]
+    weights = coo_array((share, pairs), (n_balls, len(cells.positions)))
+    total = np.bincount(pairs[0], share, minlength=n_balls)[:, None]
+    return np.stack([(weights @ layer) / total for layer in cells.stress])
 
 
 def one_of_each_cube(points: FloatArray, spacing: float) -> IntArray:
@@ -350,61 +368,46 @@ def one_of_each_cube(points: FloatArray, spacing: float) -> IntArray:
 # ---------------------------------------------------------------------------------------------
 # Elements of degree 1
 
-#: Centres of balls lie this part of the radius apart: the mean over a ball changes little there.
-_CENTRE_SPACING = 0.25
 
+def means_at_elements(
+    group: Body, stress: FloatArray, radius: float
+) -> tuple[FloatArray, FloatArray]:
+    """Means over balls around centres of elements of degree 1.
 
-@dataclass(frozen=True)
-class BallAverages:
-    """Means over the parts of balls that lie in a block."""
-
-    centres: FloatArray
-    """In the block's own position, (n_balls, 3) [mm]."""
-    cells: csr_array
-    """Share of each integration point in each cell, (n_cells, n_points): an element where those
-    are small against the balls, else a point."""
-    weights: csr_array
-    """Share of each cell in each ball, (n_balls, n_cells)."""
-
-    def averaged(self, stress: FloatArray) -> FloatArray:
-        """Averages of stresses (n_copies, n_points, 6), (n_copies, n_balls, 6) [MPa]."""
-        return np.stack([self.weights @ (self.cells @ copy) for copy in stress])
-
-
-def ball_averages(group: Body, points: FloatArray, radius: float) -> BallAverages:
-    """Balls around centres of elements, a quarter of the radius apart or an element's size.
+    Centres are as far apart as those of the second look, or an element's size. Cells are the
+    integration points, or whole elements where these are small against the balls.
 
     Parameters
     ----------
     group
         The block.
-    points
-        Its integration points, (n_points, 3) [mm].
+    stress
+        At its integration points, (n_copies, n_points, 6) [MPa].
     radius
         Of the balls [mm]; a ball always holds the points of the element in its middle.
+
+    Returns
+    -------
+    FloatArray
+        Centres in the block's own position, (n_balls, 3) [mm].
+    FloatArray
+        (n_copies, n_balls, 6) [MPa]
     """
-    per_element = len(points) // group.mesh.n_elements
-    parts = point_volumes(group.mesh.nodes[group.mesh.elements])
-    volumes = (parts.sum(axis=1) if per_element == 1 else parts).ravel()
-    centroids = points.reshape(-1, per_element, 3).mean(axis=1)
-    small = np.cbrt(volumes.sum() / group.mesh.n_elements) < _CENTRE_SPACING * radius
-    together = per_element if small else 1
-    cells = _shares(volumes, np.arange(len(points)), together * np.arange(len(points) // together))
-    kept = one_of_each_cube(centroids, _CENTRE_SPACING * radius)
-    places = centroids if small else points
-    near = cKDTree(places).query_ball_point(centroids[kept], radius)
-    own = kept[:, None] if small else kept[:, None] * per_element + np.arange(per_element)
-    members = [np.union1d(a, b) for a, b in zip(near, own, strict=True)]
-    starts = np.cumsum([0, *(len(m) for m in members[:-1])])
-    sizes = volumes.reshape(-1, together).sum(axis=1)
-    weights = _shares(sizes, np.concatenate(members).astype(np.int64), starts)
-    return BallAverages(centroids[kept], cells, weights)
-
-
-def _shares(volumes: FloatArray, members: IntArray, starts: IntArray) -> csr_array:
-    """Mean over groups of members, weighted by volume; (n_groups, n) of groups by their starts."""
-    given = volumes[members]
-    counts = np.diff([*starts, len(members)])
-    total = np.repeat(np.add.reduceat(given, starts), counts)
-    pointer = np.concatenate([starts, [len(members)]])
-    return csr_array((given / total, members, pointer), shape=(len(starts), len(volumes)))
+    mesh, points = group.mesh, integration_points(group.mesh, group.element)
+    each = len(points) // mesh.n_elements
+    volumes = point_volumes(mesh.nodes[mesh.elements])
+    sizes = volumes.sum(axis=1)
+    centroids, spacing = points.reshape(-1, each, 3).mean(axis=1), _CENTRES[1] * radius
+    if each > 1 and np.cbrt(sizes.mean()) < spacing:
+        shares = (volumes / sizes[:, None])[:, None]
+        stress = (shares @ stress.reshape(len(stress), -1, each, 6))[:, :, 0]
+        each = 1
+    cells = _Cells(*((centroids, sizes) if each == 1 else (points, volumes.ravel())), stress)
+    kept = one_of_each_cube(centroids, spacing)
+    near = cKDTree(centroids[kept]).sparse_distance_matrix(
+        cells.tree, radius, output_type="ndarray"
+    )
+    others = near[near["j"] // each != kept[near["i"]]]
+    balls = np.append(others["i"], np.repeat(np.arange(len(kept)), each))
+    members = np.append(others["j"], each * kept[:, None] + np.arange(each))
+    return centroids[kept], _means(cells, (balls, members), cells.volumes[members], len(kept))

@@ -24,7 +24,7 @@ from fem.element.stress import (
     von_mises,
 )
 from fem.state import State, once
-from fem.stresses.ball_averages import averaged_tension, ball_averages
+from fem.stresses.ball_averages import averaged_tension, means_at_elements
 from fem.stresses.recovery import block_displacements, moved_bodies
 from fem.system.body import Body
 from fem.system.system import System
@@ -140,8 +140,8 @@ def _group_peaks(
     third = peak(largest_tension(-stress), points, -1.0)
     mises = peak(np.sqrt(3.0 * invariants(stress)[1]), points)
     if linear:
-        balls = ball_averages(group, points, radius)
-        averaged = peak(largest_tension(balls.averaged(stress)), balls.centres)
+        centres, means = means_at_elements(group, stress, radius)
+        averaged = peak(largest_tension(means), centres)
         at_corners = _corner_extremes(group, stress)
     else:  # points hide nothing towards corners, where polynomials overshoot
         of_ball, at_cells = averaged_tension(moved_bodies(group, local), radius)
