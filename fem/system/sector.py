@@ -216,14 +216,16 @@ def _same_joints(system: System, image: IntArray) -> bool:
 
 
 def _held_components(system: System) -> FloatArray:
-    """Projector on the held directions and prescribed value of each node, in block frames.
+    """Projector on the held directions, and the way by each table, of each node in block frames.
 
-    (n_nodes, 4, 3) of all copies, body after body; blocks with equal arrays are held alike.
+    (n_nodes, 4 + n_tables, 3) of all copies, body after body, what none moves last; blocks with
+    equal arrays are held alike.
     """
-    held, rows = np.zeros((len(system.block_of_node), 4, 3)), system.supports
-    product = rows.direction[:, :, None] * rows.direction[:, None, :]
-    np.add.at(held[:, :3], rows.row, product)
-    np.add.at(held[:, 3], rows.row, rows.value[:, None] * rows.direction)
+    rows, n_tables = system.supports, len(system.supports.tables)
+    held = np.zeros((len(system.block_of_node), 4 + n_tables, 3))
+    np.add.at(held[:, :3], rows.row, rows.direction[:, :, None] * rows.direction[:, None, :])
+    way = np.where(rows.table < 0, n_tables, rows.table)
+    np.add.at(held[:, 3:], (rows.row, way), rows.value[:, None] * rows.direction)
     return held
 
 

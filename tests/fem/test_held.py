@@ -10,7 +10,9 @@ import pytest
 
 from fem.static.solve import StaticOptions, static_state
 from fem.system.body import ModelError
-from fem.system.held import Held, joined_rows
+from fem.system.forces import TabularAmplitude
+from fem.system.held import Held, held_at, joined_rows
+from fem.system.sector import largest_cyclic_orbits
 from validation import load_case
 
 SLANTED = np.array([np.cos(0.6), np.sin(0.6), 0.0])
@@ -71,3 +73,22 @@ def test_supports_that_are_stated_again_change_nothing() -> None:
     for a, b in zip(once.displacements, twice.displacements, strict=True):
         assert np.abs(a).max() > 0.01
         np.testing.assert_allclose(b, a, rtol=0.0, atol=1e-10)
+
+
+@pytest.mark.parametrize(("late", "order"), [((), 4), ((1, 3), 2), ((3,), 1)])
+def test_supports_that_move_at_other_times_are_no_sector(late: tuple[int, ...], order: int) -> None:
+    """One node of each block of a layer goes the same way, that of some blocks later: a sector has
+    the ways of all its copies."""
+    coarse = {"assembly.layers": 1, "mesh.around": 12, "mesh.radial": 1, "mesh.axial": 2}
+    model = load_case("tsb1-pipe", coarse).problem.deformable
+    soon, later = (TabularAmplitude((0.0, end, 1.0), (0.0, 1.0, 1.0)) for end in (0.5, 0.75))
+    moved = [
+        held_at(
+            model.first_nodes[[block]],
+            np.eye(3)[:1],
+            0.01,
+            amplitude=later if number in late else soon,
+        )
+        for number, block in enumerate(model.deformable_blocks.tolist())
+    ]
+    assert largest_cyclic_orbits(replace(model, supports=joined_rows(moved))).order == order
