@@ -146,6 +146,19 @@ def settling(loop: Loop) -> float | None:
     return math.sqrt(speed / moved) / frequency
 
 
+def forces_of_supports(loop: Loop, time: float) -> tuple[FloatArray, ...]:
+    """Unbalanced forces at a time [s], world axes, (n_copies, n_nodes, 3) [N] of each group.
+
+    Of the forces that the state holds. Along what a support holds they are those of the support,
+    but for the inertia of the held nodes themselves.
+    """
+    result = []
+    for body in loop.bodies:
+        outer = applied_forces(body) + gravity_forces(loop, body, time)
+        result.append(world_vectors(body, damped_internal_force(loop, body) - outer))
+    return tuple(result)
+
+
 def restoring_forces(loop: Loop, body: LaneBody, time: float) -> FloatArray:
     """Internal minus contact forces, free components, (n_rows, 3, lanes) [N]."""
     contact = applied_forces(body) - load_forces(body, time)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import time as clock
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from enum import StrEnum
 from pathlib import Path
 from typing import Any
@@ -16,6 +16,7 @@ from fem.contact.search import SearchedPoints
 from fem.explicit.damping import (
     adapt,
     applied_forces,
+    forces_of_supports,
     free_part,
     gravity_forces,
     load_forces,
@@ -31,7 +32,6 @@ from fem.explicit.output.checkpoint import (
     write_checkpoint,
 )
 from fem.explicit.output.energy import Energies, History, copy_energies, energies
-from fem.explicit.output.support_forces import forces_of_supports
 from fem.explicit.start import prepare
 from fem.explicit.state import Loop, world_vectors
 from fem.explicit.step import damped_internal_force, step
@@ -357,10 +357,24 @@ def run_explicit(
     started = clock.process_time()
     with stop_requests() as request, compiling() as compiled, budget() as run.spent:
         status = run.steps(request)
-    cpu = clock.process_time() - started - compiled.cpu_seconds
-    result = _result(run, status, cpu, loop.step - first)
+    result = Run(
+        stated=stated,
+        status=status,
+        time_step=loop.time_step,
+        history=history,
+        settling=run.settling,
+        round_off=run.round_off if status is Status.STALLED else None,
+        cpu_seconds=clock.process_time() - started - compiled.cpu_seconds,
+        compile_seconds=compiled.cpu_seconds,
+        element_updates=stated.n_elements * (loop.step - first),
+        n_bytes=bytes_of(loop),
+        displacements=displacements_of(loop),
+        velocities=tuple(world_vectors(body, body.now.velocity) for body in loop.bodies),
+        n_steps=loop.step,
+        **_forces_at_end(loop),
+    )
     _refuse_imbalance(result)
-    return replace(result, compile_seconds=compiled.cpu_seconds)
+    return result
 
 
 @dataclass
@@ -504,25 +518,6 @@ class _Course:
 def displacements_of(loop: Loop) -> tuple[FloatArray, ...]:
     """Displacements of each group in world axes, (n_copies, n_nodes, 3) [mm]."""
     return tuple(world_vectors(body, body.now.displacement) for body in loop.bodies)
-
-
-def _result(run: _Course, status: Status, cpu: float, steps: int) -> Run:
-    loop = run.loop
-    return Run(
-        stated=loop.stated,
-        status=status,
-        time_step=loop.time_step,
-        history=run.history,
-        settling=run.settling,
-        round_off=run.round_off if status is Status.STALLED else None,
-        cpu_seconds=cpu,
-        element_updates=loop.stated.n_elements * steps,
-        n_bytes=bytes_of(loop),
-        displacements=displacements_of(loop),
-        velocities=tuple(world_vectors(body, body.now.velocity) for body in loop.bodies),
-        n_steps=loop.step,
-        **_forces_at_end(loop),
-    )
 
 
 def _refuse_imbalance(result: Run) -> None:
