@@ -339,43 +339,6 @@ def newton_equilibrium(
     )
 
 
-def carried_beside(
-    jacobian: ContactJacobian, forces: FloatArray, loads: FloatArray, tolerance: float
-) -> BoolArray:
-    """Which small loads are carried beside one that contact forces balance, proved by forces.
-
-    Forces grow and shrink in proportion to what they are: one factorisation serves all loads. What
-    is not proved may be carried all the same, by contacts that do not press yet.
-
-    Parameters
-    ----------
-    jacobian
-        G, (n_rows, n_contacts).
-    forces
-        λ >= 0, (n_contacts,) [N].
-    loads
-        Added to the load that they balance, (n_loads, n_rows) [N].
-    tolerance
-        Largest imbalance of an added load [N].
-    """
-    proved = np.zeros(len(loads), dtype=np.bool_)
-    if not forces.any():
-        return proved
-    weights = forces / forces.mean()
-    try:
-        solve = jacobian.normal_solver(weights, 1e-13 * len(forces) / len(loads[0]))
-    except scipy.linalg.LinAlgError:
-        return proved
-    for k, load in enumerate(loads):
-        added = np.zeros_like(forces)
-        for _ in range(3):
-            rest = load + jacobian.resultant(added)
-            added -= weights * jacobian.gap_rates(solve(rest))
-        rest = load + jacobian.resultant(added)
-        proved[k] = (forces + added >= 0.0).all() and np.linalg.norm(rest) <= tolerance
-    return proved
-
-
 def clarabel_equilibrium(
     jacobian: ContactJacobian,
     load: FloatArray,

@@ -41,9 +41,7 @@ from mbd.friction.equilibrium import (
     collapse_load,
 )
 from mbd.frictionless.equilibrium import (
-    EQUILIBRIUM_TOLERANCE,
     Equilibrium,
-    carried_beside,
     column_weights,
     newton_equilibrium,
 )
@@ -194,19 +192,19 @@ class Pushes:
         well the load is carried. Keys are +x, -x and so on; a direction that is neither proved held
         nor free is left out.
         """
-        contacts, force, known = self.system.contacts, self.system.force, self.system.frictionless
-        size = _PUSH * (float(np.linalg.norm(force)) or 1.0)
-        pushes = {way: size * push for way, push in self._pushes.items()}
-        loads, tolerance = np.array(list(pushes.values())), EQUILIBRIUM_TOLERANCE * size
-        proved = carried_beside(contacts.jacobian, known.forces, loads, tolerance)
-        held = {way: True for way, carried in zip(_WAYS, proved, strict=True) if carried}
-        asked = [way for way in _WAYS if way not in held]
-        others, norm = [pushes[way] for way in asked], self.system.method.norm
-        answers = _equilibria(contacts, others, norm, beside=force, start=known.multiplier)
-        for way, (_, found) in zip(asked, answers, strict=True):
+        system, held = self.system, dict[str, bool]()
+        size = _PUSH * (float(np.linalg.norm(system.force)) or 1.0)
+        answers = _equilibria(
+            system.contacts,
+            [size * push for push in self._pushes.values()],
+            system.method.norm,
+            beside=system.force,
+            start=system.frictionless.multiplier,
+        )
+        for way, (_, found) in zip(_WAYS, answers, strict=True):
             if found.decided:
                 held[way] = found.holds
-        return {way: held[way] for way in _WAYS if way in held}
+        return held
 
     @cached_property
     def by_load(self) -> tuple[str, ...]:
