@@ -16,6 +16,8 @@ from geometry.parts.rows import Row
 #: Blocks that move less than this part of the largest displacement are not among those that move
 #: most; and how many are named.
 _MOST, _NAMED = 0.5, 3
+#: Mechanisms are exact to 1e-6: sizes that differ by less than these decimals are one.
+_DIGITS = 4
 #: Displacements and components of directions that are none in words.
 _NONE = 0.1
 _AXES = "xyz"
@@ -119,7 +121,7 @@ def motion_of_blocks(
         sizes[block] = np.linalg.norm(moved, axis=1).max()
         arms[block] = np.linalg.norm(points, axis=1).max()
     largest = float(sizes.max(initial=0.0)) or 1.0
-    sizes = np.round(sizes / largest, 6)
+    sizes = np.round(sizes / largest, _DIGITS)  # symmetric blocks: the same first one always
     order = np.argsort(-sizes, kind="stable")
     most = order[sizes[order] >= _MOST].tolist()
     blocks = tuple(

@@ -10,7 +10,7 @@ import numpy as np
 from geometry.answer import FACTORS, Answer, Measure
 from geometry.assembly import Assembly
 from geometry.parts.balance import balance_rows, reaction_rows
-from geometry.parts.measures import JointResultants, Measures
+from geometry.parts.measures import JointResultants, Measures, first_largest
 from geometry.parts.placed import AnyBlocks
 from geometry.parts.rows import Row, grouped, number
 from geometry.polyhedra.bare_contacts import CROSSING_EDGES, STANDING_CORNER
@@ -102,7 +102,7 @@ def _joint_rows(joints: JointResultants, blocks: AnyBlocks) -> list[Row]:
         ("bending moment M", joints.bending_moment, "N mm"),
         ("eccentricity M/N", np.linalg.norm(joints.eccentricity, axis=1), "mm"),
     ):
-        k = int(np.argmax(values))
+        k = first_largest(values)
         pair = "–".join(blocks.named(int(b)) for b in (joints.block_m[k], joints.block_s[k]))
         if values[k] > _NOISE * float(joints.normal_force.max()):
             words = f"{number(values[k])} {unit} (joint {pair})"
