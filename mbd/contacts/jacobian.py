@@ -14,7 +14,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any, TypeAlias, TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 import scipy.linalg
@@ -45,79 +45,12 @@ NormalMap = Callable[[FloatArray], FloatArray]
 _UPPER = np.triu_indices(6)
 
 
-def _symmetric(upper: FloatArray) -> FloatArray:
-    """Symmetric matrices (n, 6, 6) of their upper triangles (n, 21)."""
-    full = np.empty((len(upper), 6, 6))
-    full[:, _UPPER[0], _UPPER[1]] = upper
-    full[:, _UPPER[1], _UPPER[0]] = upper
-    return full
-
-
-def _upper_products(wrenches: FloatArray) -> FloatArray:
-    """Upper triangles of g gᵀ, (n, 21)."""
-    return wrenches[:, _UPPER[0]] * wrenches[:, _UPPER[1]]
-
-
-@dataclass(frozen=True)
-class SeparateWrenches(ReadOnlyArrays):
-    """Contacts that have nothing in common."""
-
-    wrenches: FloatArray
-    """(n_contacts, 6), contacts of a pair one after the other."""
-    pair_start: IntArray
-    """First contact of each pair, and the total; (n_pairs + 1,)."""
-
-    @property
-    def n_contacts(self) -> int:
-        """Number of contacts."""
-        return len(self.wrenches)
-
-    @cached_property
-    def pair_of(self) -> IntArray:
-        """Pair of each contact, (n_contacts,)."""
-        count = np.diff(self.pair_start)
-        return np.repeat(np.arange(len(count)), count)
-
-    @cached_property
-    def _products(self) -> FloatArray:
-        return _upper_products(self.wrenches)
-
-    def _sums(self, values: FloatArray) -> FloatArray:
-        if not len(values):
-            return np.zeros((len(self.pair_start) - 1, values.shape[1]))
-        return np.add.reduceat(values, self.pair_start[:-1], axis=0)
-
-    def rates(self, motion: FloatArray) -> FloatArray:
-        """Gap rates (n_contacts,) of relative motions of the pairs (n_pairs, 6)."""
-        return np.einsum("ci,ci->c", self.wrenches, motion[self.pair_of])
-
-    def condensed_rates(self, motions: FloatArray) -> FloatArray:
-        """Gap rates (n_contacts, k) of relative motions of the pairs (n_pairs, 6, k)."""
-        return np.einsum("ci,cik->ck", self.wrenches, motions[self.pair_of])
-
-    def sums(self, forces: FloatArray) -> FloatArray:
-        """Wrenches of the pairs (n_pairs, 6) from contact forces (n_contacts,)."""
-        return self._sums(self.wrenches * forces[:, None])
-
-    def squares(self, weights: FloatArray) -> FloatArray:
-        """Sums Σ w g gᵀ over the contacts of each pair, (n_pairs, 6, 6)."""
-        return _symmetric(self._sums(self._products * weights[:, None]))
-
-    def of_pair(self, pair: int) -> FloatArray:
-        """Wrenches of the contacts of one pair, (n, 6)."""
-        return self.wrenches[self.pair_start[pair] : self.pair_start[pair + 1]]
-
-    def separate(self) -> SeparateWrenches:
-        """Return itself."""
-        return self
-
-
 @dataclass(frozen=True)
 class PairKind(ReadOnlyArrays):
-    """Pairs with the same contacts."""
+    """Pairs with the same contacts, or with as many."""
 
     wrenches: FloatArray
-    """(n, 6), in the frame of the pair."""
+    """Of each of the k pairs in its frame, (k, n, 6); (1, n, 6) where all have the same."""
     pairs: IntArray
     """Pairs of this kind, (k,)."""
     contacts: IntArray
@@ -125,22 +58,45 @@ class PairKind(ReadOnlyArrays):
 
     @cached_property
     def products(self) -> FloatArray:
-        """Upper triangles of g gᵀ, (n, 21)."""
-        return _upper_products(self.wrenches)
+        """Upper triangles of g gᵀ, (k or 1, n, 21)."""
+        return self.wrenches[..., _UPPER[0]] * self.wrenches[..., _UPPER[1]]
 
     @cached_property
     def triangle(self) -> FloatArray:
-        """At most six wrenches with the same Σ g gᵀ, (≤ 6, 6)."""
+        """At most six wrenches a pair with the same Σ g gᵀ, (k or 1, ≤ 6, 6)."""
         return np.linalg.qr(self.wrenches, mode="r")
+
+    def sums(self, values: FloatArray, of: FloatArray) -> FloatArray:
+        """Sums over the contacts of each pair of values (n_contacts,) times rows (k or 1, n, m)."""
+        own = values[self.contacts]
+        return own @ of[0] if len(of) == 1 else np.einsum("kn,knm->km", own, of)
 
 
 @dataclass(frozen=True)
-class CongruentWrenches(ReadOnlyArrays):
-    """Contacts of pairs of a few kinds, each kind kept once."""
+class PairWrenches(ReadOnlyArrays):
+    """Unit wrenches (n, (x - x_pair) × n / ℓ) of the contacts, each kind of pairs kept once."""
 
     kinds: tuple[PairKind, ...]
     pair_start: IntArray
     """First contact of each pair, and the total; (n_pairs + 1,)."""
+
+    @staticmethod
+    def of_each(wrenches: FloatArray, pair_start: IntArray) -> PairWrenches:
+        """Contacts (n_contacts, 6) of pairs that have nothing in common but their number."""
+        count, kinds = np.diff(pair_start), []
+        for number in np.unique(count).tolist():
+            pairs = np.flatnonzero(count == number)
+            contacts = pair_start[pairs][:, None] + np.arange(number)
+            kinds.append(PairKind(wrenches[contacts], pairs, contacts))
+        return PairWrenches(tuple(kinds), pair_start)
+
+    @cached_property
+    def each(self) -> FloatArray:
+        """Wrench of each contact in the frame of its pair, (n_contacts, 6)."""
+        wrenches = np.empty((self.n_contacts, 6))
+        for kind in self.kinds:
+            wrenches[kind.contacts] = kind.wrenches
+        return wrenches
 
     @property
     def n_contacts(self) -> int:
@@ -151,7 +107,11 @@ class CongruentWrenches(ReadOnlyArrays):
         """Gap rates (n_contacts,) of relative motions of the pairs (n_pairs, 6)."""
         rates = np.empty(self.n_contacts)
         for kind in self.kinds:
-            rates[kind.contacts] = motion[kind.pairs] @ kind.wrenches.T
+            own = motion[kind.pairs]
+            if len(kind.wrenches) == 1:
+                rates[kind.contacts] = own @ kind.wrenches[0].T
+            else:
+                rates[kind.contacts] = np.einsum("knm,km->kn", kind.wrenches, own)
         return rates
 
     def condensed_rates(self, motions: FloatArray) -> FloatArray:
@@ -163,38 +123,17 @@ class CongruentWrenches(ReadOnlyArrays):
         """Wrenches of the pairs (n_pairs, 6) from contact forces (n_contacts,)."""
         total = np.empty((len(self.pair_start) - 1, 6))
         for kind in self.kinds:
-            total[kind.pairs] = forces[kind.contacts] @ kind.wrenches
+            total[kind.pairs] = kind.sums(forces, kind.wrenches)
         return total
 
     def squares(self, weights: FloatArray) -> FloatArray:
         """Sums Σ w g gᵀ over the contacts of each pair, (n_pairs, 6, 6)."""
-        upper = np.empty((len(self.pair_start) - 1, 21))
+        upper = np.empty((len(self.pair_start) - 1, len(_UPPER[0])))
         for kind in self.kinds:
-            upper[kind.pairs] = weights[kind.contacts] @ kind.products
-        return _symmetric(upper)
-
-    @cached_property
-    def _kind_of(self) -> IntArray:
-        """Kind of each pair, (n_pairs,)."""
-        kind_of = np.empty(len(self.pair_start) - 1, dtype=np.intp)
-        for number, kind in enumerate(self.kinds):
-            kind_of[kind.pairs] = number
-        return kind_of
-
-    def of_pair(self, pair: int) -> FloatArray:
-        """Wrenches of the contacts of one pair, (n, 6)."""
-        return self.kinds[self._kind_of[pair]].wrenches
-
-    def separate(self) -> SeparateWrenches:
-        """Return the same contacts one by one, each in the frame of its pair."""
-        wrenches = np.empty((self.n_contacts, 6))
-        for kind in self.kinds:
-            wrenches[kind.contacts] = kind.wrenches
-        return SeparateWrenches(wrenches, self.pair_start)
-
-
-#: Unit wrench (n, (x - x_pair) × n / ℓ) of each contact about its pair's point.
-PairWrenches: TypeAlias = SeparateWrenches | CongruentWrenches
+            upper[kind.pairs] = kind.sums(weights, kind.products)
+        full = np.empty((len(upper), 6, 6))
+        full[:, _UPPER[0], _UPPER[1]] = full[:, _UPPER[1], _UPPER[0]] = upper
+        return full
 
 
 def _block_places(rows: IntArray, columns: IntArray) -> tuple[IntArray, IntArray]:
@@ -387,19 +326,21 @@ class ContactJacobian(ReadOnlyArrays):
         """Columns of the contacts of one free block in its rows of G, (6, n)."""
         sides, first = self._pairs_of_blocks
         columns = [np.zeros((6, 0))]
+        wrenches, start = self.contacts.each, self.contacts.pair_start
         for side in sides[first[block] : first[block + 1]].tolist():
             pair, of_s = divmod(side, 2)
             transfer = self.transfer_s[pair] if of_s else -self.transfer_m[pair]
-            columns.append(transfer @ self.contacts.of_pair(pair).T)
+            columns.append(transfer @ wrenches[start[pair] : start[pair + 1]].T)
         return np.hstack(columns)
 
     def to_matrix(self) -> scipy.sparse.csc_array:
         """G as a sparse matrix, (6 n_free, n_contacts)."""
-        contacts = self.contacts.separate()
-        rows = 6 * contacts.pair_of[:, None] + np.arange(6)
+        contacts = self.contacts
+        pair_of = np.repeat(np.arange(len(self.row_m)), np.diff(contacts.pair_start))
+        rows = 6 * pair_of[:, None] + np.arange(6)
         start = 6 * np.arange(contacts.n_contacts + 1)
         unit = scipy.sparse.csc_array(
-            (contacts.wrenches.ravel(), rows.ravel(), start),
+            (contacts.each.ravel(), rows.ravel(), start),
             shape=(self._transfer.shape[1], contacts.n_contacts),
         )
         matrix = scipy.sparse.csc_array(self._transfer @ unit)
@@ -486,13 +427,13 @@ class _Pairs(ReadOnlyArrays):
         return np.hstack([normals, np.cross(points, normals) / self.length])
 
 
-def _separate(pairs: _Pairs) -> SeparateWrenches:
+def _separate(pairs: _Pairs) -> PairWrenches:
     """Contacts of which nothing more is known, in world axes."""
     arm = pairs.points - np.repeat(pairs.middle, np.diff(pairs.start), axis=0)
-    return SeparateWrenches(pairs.wrenches(arm, pairs.normals), pairs.start)
+    return PairWrenches.of_each(pairs.wrenches(arm, pairs.normals), pairs.start)
 
 
-def _congruent(pairs: _Pairs, interfaces: Interfaces) -> tuple[CongruentWrenches, FloatArray]:
+def _congruent(pairs: _Pairs, interfaces: Interfaces) -> tuple[PairWrenches, FloatArray]:
     """Contacts of each kind of pair once, in the axes of block m; and these axes."""
     of = np.searchsorted(interfaces.pair_start, pairs.index[pairs.start[:-1]], side="right") - 1
     axes, kind_of = interfaces.pair_rotations[of], interfaces.pair_class[of]
@@ -504,8 +445,8 @@ def _congruent(pairs: _Pairs, interfaces: Interfaces) -> tuple[CongruentWrenches
         arm = (pairs.points[here] - pairs.middle[first]) @ axes[first]
         contacts = pairs.start[indices][:, None] + np.arange(here.stop - here.start)
         normals = pairs.normals[here] @ axes[first]
-        kinds.append(PairKind(pairs.wrenches(arm, normals), indices, contacts))
-    return CongruentWrenches(tuple(kinds), pairs.start), axes
+        kinds.append(PairKind(pairs.wrenches(arm, normals)[None], indices, contacts))
+    return PairWrenches(tuple(kinds), pairs.start), axes
 
 
 def contact_jacobian(

@@ -15,7 +15,7 @@ from geometry.loads import LoadCase, named_load
 from geometry.mesh import FloatArray
 from geometry.parts.placed import AssemblyError
 from mbd import Norm, analyse, contact_jacobian
-from mbd.contacts.jacobian import ContactJacobian, RigidContacts, SeparateWrenches
+from mbd.contacts.jacobian import ContactJacobian, PairWrenches, RigidContacts
 from mbd.frictionless.equilibrium import column_weights, newton_equilibrium
 from mbd.frictionless.mechanism import Classification, SelfStress
 from validation.stability.case import CaseVerdict, Number, case, case_verdict, rejected
@@ -152,8 +152,8 @@ def _of_a_tube() -> tuple[RigidContacts, FloatArray]:
 def _repetition_law(times: int, least: int = 0) -> CaseVerdict:
     contacts, force = _of_a_tube()
     once = newton_equilibrium(contacts.jacobian, force)
-    single = contacts.jacobian.contacts.separate()
-    copies = SeparateWrenches(np.repeat(single.wrenches, times, axis=0), single.pair_start * times)
+    single = contacts.jacobian.contacts
+    copies = PairWrenches.of_each(np.repeat(single.each, times, axis=0), single.pair_start * times)
     many = newton_equilibrium(replace(contacts.jacobian, contacts=copies), force)
     # Minimum norm spreads a force evenly over copies of a contact.
     expected = np.repeat(once.forces, times) / times
@@ -191,7 +191,7 @@ def zero_area_contacts() -> CaseVerdict:
 def _on_one_block(wrenches: FloatArray) -> ContactJacobian:
     """G of one free block, from the unit wrench of each contact (6, n_contacts)."""
     pairs, whole = np.zeros(1, dtype=np.int64), np.eye(6)[None]
-    contacts = SeparateWrenches(wrenches.T, np.array([0, wrenches.shape[1]]))
+    contacts = PairWrenches.of_each(wrenches.T, np.array([0, wrenches.shape[1]]))
     return ContactJacobian(contacts, np.zeros_like(whole), whole, pairs, pairs, n_free=1)
 
 
