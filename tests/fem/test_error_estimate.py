@@ -4,11 +4,18 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
+from fem import Problem, concrete
 from fem.accuracy.errors import one_mesh_bars
-from geometry import Answer
+from fem.accuracy.one_mesh import static_errors
+from fem.state import State
+from fem.static.solve import static_state
+from geometry import Answer, ColumnBox, box_column
 from geometry.answer import WIDEST
+from geometry.loads import face_pressure
+from geometry.machine.work import budget
 from tests.support.answers import on_its_mesh
 from tests.support.own_blocks import column
 from tests.support.references import references
@@ -150,3 +157,25 @@ def test_limit_reached_in_coarser_meshes_leaves_the_state_and_wider_bars_or_none
             assert "none: the limit of work" in str(cut)
         else:
             assert errors_of(cut)["max_displacement"] > errors_of(whole)["max_displacement"]
+
+
+@pytest.mark.quick
+@pytest.mark.parametrize(("work", "solved"), [(1e6, 1), (1e-9, 0), (None, 1)])
+def test_a_mesh_twice_as_fine_is_solved_where_the_work_for_it_is_left(
+    work: float | None, solved: int
+) -> None:
+    """Of blocks of one element, which have no coarser mesh."""
+    blocks = box_column([ColumnBox((40.0, 40.0, 40.0), (1, 1, 1))] * 2)
+    problem = Problem(blocks, face_pressure(blocks, np.array([1]), "z+", 0.5), concrete)
+    with budget(None) as spent:
+        state = static_state(problem.deformable)
+    asked: list[Problem] = []
+
+    def solve(other: Problem) -> State:
+        asked.append(other)
+        return static_state(other.deformable)
+
+    with budget(work):
+        errors = static_errors(problem, state, solve, spent).errors
+    assert [other.blocks.shapes[0].mesh.n_elements for other in asked] == [8] * solved
+    assert bool(errors) == bool(solved)
