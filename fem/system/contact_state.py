@@ -172,13 +172,6 @@ class ContactState(ReadOnlyArrays):
         """Number of facets."""
         return len(self.block_m)
 
-    @property
-    def matched(self) -> IntArray:
-        """Position of each facet in the assembly's interfaces, (n_facets,)."""
-        if self.interface is None:
-            raise ValueError("contact: facets that a search found are no interfaces")
-        return self.interface
-
     @cached_property
     def areas(self) -> FloatArray:
         """Of the facets, as far as they face the master, (n_facets,) [mm²]."""
