@@ -7,7 +7,7 @@ import numpy as np
 from fem.contact.surfaces import ContactPoints
 from fem.system.body import ModelError, rigid_motions
 from fem.system.contact_state import corner_displacements
-from fem.system.system import System
+from fem.system.system import System, left_by, resisted
 from geometry.mesh import FloatArray, IntArray
 
 #: Least stiffness of a block's contacts against a motion, relative to the greatest, that counts
@@ -80,22 +80,14 @@ def require_supported(system: System) -> None:
 
 def _require_held(system: System, slot: int) -> None:
     group, copy = system.body(slot), int(system.copy_of[system.blocks[slot]])
-    positions, nodes = group.reference_positions()[copy], system.nodes_of(slot)
+    positions = group.reference_positions()[copy]
     arm = positions - positions.mean(axis=0)
     # Motions about world axes, in those of the block.
     modes = rigid_motions(arm / max(float(np.abs(arm).max()), 1e-300))
-    modes = np.einsum("ij,nik->njk", group.rotations[copy], modes)
-    held = system.held
-    mine = (held.nodes >= nodes.start) & (held.nodes < nodes.stop)
-    at_nodes = modes[held.nodes[mine] - nodes.start]
-    felt = np.einsum("nik,nim->nkm", held.axes[mine], at_nodes) * held.held[mine][:, :, None]
-    rows = [felt.reshape(-1, 6), np.zeros((6, 6))]
-    if group.springs is not None:
-        resisted = group.springs.stiffness @ modes.reshape(-1, 6)
-        rows.append(resisted / np.abs(group.springs.matrices).max())
-    _, values, right = np.linalg.svd(np.vstack(rows), full_matrices=False)
-    if values[-1] <= 1e-9 * max(values[0], 1.0):
-        motion = _MOTIONS[int(np.argmax(np.abs(right[-1])))]
+    modes = np.einsum("ij,nik->knj", group.rotations[copy], modes)
+    left = left_by(resisted(system, slot, modes))
+    if len(left):
+        motion = _MOTIONS[int(np.argmax(np.abs(left[-1])))]
         raise ModelError(
             f"{group.name}[{copy}]: the supports leave a rigid motion free (mainly {motion}); "
             "expected a static run to hold all six: fix a face, or solve by explicit dynamics"

@@ -513,18 +513,30 @@ def unresisted_motions(
 
 def _unresisted(system: System, motions: FloatArray) -> FloatArray:
     """Combinations of motions (n, n_nodes, 3) that supports and springs leave, (m, n)."""
-    held, size = system.held, np.abs(motions).max(axis=(1, 2))
-    felt = [np.einsum("nij,kni->nkj", held.axes, motions[:, held.nodes]) * held.held[:, None]]
-    for slot in range(system.n_slots):
-        springs, mine = system.body(slot).springs, motions[:, system.nodes_of(slot)]
-        if springs is not None:
-            resisted = springs.stiffness @ mine.reshape(len(motions), -1).T
-            felt.append(
-                resisted.T.reshape(mine.shape).swapaxes(0, 1) / np.abs(springs.matrices).max()
-            )
-    rows = np.concatenate(felt).swapaxes(1, 2).reshape(-1, len(motions)) / size
-    _, values, right = np.linalg.svd(np.vstack([rows, np.zeros((len(motions),) * 2)]))
-    return right[values <= _RESISTED * max(values.max(), 1.0)] / size
+    size = np.abs(motions).max(axis=(1, 2))
+    slots = range(system.n_slots)
+    felt = [resisted(system, slot, motions[:, system.nodes_of(slot)]) for slot in slots]
+    return left_by(np.concatenate(felt) / size) / size
+
+
+def resisted(system: System, slot: int, motions: FloatArray) -> FloatArray:
+    """What supports and springs of a slot feel of motions of it, (n, n_nodes, 3); (m, n)."""
+    held, nodes, springs = system.held, system.nodes_of(slot), system.body(slot).springs
+    mine = (held.nodes >= nodes.start) & (held.nodes < nodes.stop)
+    at_nodes = motions[:, held.nodes[mine] - nodes.start]
+    felt = np.einsum("nij,kni->njk", held.axes[mine], at_nodes) * held.held[mine][:, :, None]
+    felt = felt.reshape(-1, len(motions))
+    if springs is None:
+        return felt
+    pulled = springs.stiffness @ motions.reshape(len(motions), -1).T
+    return np.concatenate([felt, pulled / np.abs(springs.matrices).max()])
+
+
+def left_by(felt: FloatArray) -> FloatArray:
+    """Combinations of motions of order one of which nothing is felt (m, n), (…, n)."""
+    n = felt.shape[1]
+    _, values, right = np.linalg.svd(np.vstack([felt, np.zeros((n, n))]), full_matrices=False)
+    return right[values <= _RESISTED * max(values.max(), 1.0)]
 
 
 def _require_balance(system: System, motions: FloatArray) -> None:
