@@ -53,7 +53,8 @@ def prepare(
     if threads > 1:
         numba.set_num_threads(min(threads, numba.config.NUMBA_NUM_THREADS))
     n, effects, system = len(stated.bodies), stated.effects, stated.system
-    held = cell_motions(stated) if system.meets else None
+    cell = system.meets and system.assembly.image_of is not None
+    held = cell_motions(stated) if cell else None
     touched = [np.flatnonzero(areas) for areas in stated.contact_areas]
     if held is not None:
         touched = [

@@ -19,6 +19,7 @@ from dataclasses import dataclass, fields
 from fem.explicit.kernels import damping, frame, motion, stiffness, viscosity
 from fem.explicit.kernels.forms import Forms
 from fem.explicit.kernels.frame import fit_frames, place_force, set_spins
+from fem.explicit.kernels.layout import widths
 from fem.explicit.kernels.motion import (
     Applied,
     Damper,
@@ -28,7 +29,6 @@ from fem.explicit.kernels.motion import (
     dot_lanes,
     enforce,
     viscous_power,
-    widths,
 )
 from fem.explicit.kernels.runs import add_at, dot_at, hold
 

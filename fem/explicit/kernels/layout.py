@@ -38,6 +38,11 @@ def padded_lanes(n_copies: int) -> int:
     return 1 << (n_copies - 1).bit_length()
 
 
+def widths(lanes: int) -> tuple[int | None, int | None]:
+    """Arguments ``fours`` and ``ones`` of `fem.explicit.kernels.motion.update`."""
+    return (4, None) if lanes % 4 == 0 else (None, 1)
+
+
 def aligned_zeros(shape: tuple[int, ...]) -> LaneArray:
     """Zeros that start on a cache line and may be read one vector beyond their end."""
     count = int(np.prod(shape))

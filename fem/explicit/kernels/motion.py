@@ -171,11 +171,6 @@ def _update_lanes(width: int) -> Callable[..., None]:
 _update_4, _update_1 = _update_lanes(4), _update_lanes(1)
 
 
-def widths(lanes: int) -> tuple[int | None, int | None]:
-    """`update`'s arguments ``fours`` and ``ones`` for a padded number of copies."""
-    return (4, None) if lanes % 4 == 0 else (None, 1)
-
-
 @serial_and_parallel
 def update(lanes, fours, ones, chunks, motion, kinetic, drag, damper, placing, applied, gravity):
     """Advance velocity to the next half step and displacement to the next step, in place.
