@@ -37,7 +37,7 @@ from geometry.parts.measures import (
 )
 from geometry.parts.placed import AnyBlocks, PlacedBlocks
 from geometry.parts.rows import Notes, Part, Row
-from geometry.polyhedra.bare_contacts import CROSSING_EDGES, STANDING_CORNER
+from geometry.polyhedra.options import CROSSING_EDGES, STANDING_CORNER
 from mbd.contacts.jacobian import contact_jacobian
 from mbd.frictionless.mechanism import MANY_BLOCKS, classify
 from mbd.options import Rigid, Stages

@@ -26,6 +26,7 @@ from geometry.mesh import (
     check_mesh,
 )
 from geometry.parts.block_selection import numbers_of
+from geometry.polyhedra.near.triangle_search import distinct_rows
 from geometry.polyhedra.polygons import surface_of_polygons
 from geometry.polyhedra.polyhedron import (
     Polyhedron,
@@ -35,7 +36,6 @@ from geometry.polyhedra.polyhedron import (
     turned_outward,
 )
 from geometry.polyhedra.solids import closed_solids, one_solid
-from geometry.polyhedra.triangle_search import distinct_rows
 
 #: Millimetres in each unit a file may be drawn in.
 UNITS = {"mm": 1.0, "cm": 10.0, "m": 1000.0, "inch": 25.4}

@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from geometry.mesh import FloatArray, IntArray
-from geometry.polyhedra.triangle_search import directed_edges, distinct_rows, undirected_edges
+from geometry.polyhedra.near.triangle_search import directed_edges, distinct_rows, undirected_edges
 
 #: Largest distance of a hole's corners from its plane, in sizes of the hole.
 _FLAT = 1e-3

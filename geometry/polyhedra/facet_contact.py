@@ -21,14 +21,13 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from geometry.mesh import BoolArray, FloatArray, IntArray, run_starts
-from geometry.polyhedra.bare_contacts import CROSSING_EDGES, STANDING_CORNER
 from geometry.polyhedra.exact_contact import touched
-from geometry.polyhedra.options import ContactPlacement
+from geometry.polyhedra.near.triangle_kernels import MOST_CORNERS, clip_pairs, hulls
+from geometry.polyhedra.near.triangle_search import ASKEW, distinct_rows, segment_piercings
+from geometry.polyhedra.options import CROSSING_EDGES, STANDING_CORNER, ContactPlacement
 from geometry.polyhedra.placed_shapes import PlacedShapes
 from geometry.polyhedra.point_contact import PointContacts, crossing_edges, standing_corners
 from geometry.polyhedra.polyhedron import widths
-from geometry.polyhedra.triangle_kernels import MOST_CORNERS, clip_pairs, hulls
-from geometry.polyhedra.triangle_search import ASKEW, distinct_rows, segment_piercings
 
 #: Area that a contact without area stands for, as a part of the mean area of the others.
 _POINT_AREA = 1e-2

@@ -1,4 +1,4 @@
-"""Closed choices that scenes name; light to import."""
+"""Closed choices that scenes name, and names of contacts without area; light to import."""
 
 from __future__ import annotations
 
@@ -9,6 +9,11 @@ from typing import Annotated
 from annotated_types import Gt, Le
 
 from geometry.parts.options import Length, Options
+
+#: An edge that crosses an edge …
+CROSSING_EDGES = -1
+#: … and a corner that stands on a face, in place of the patch of a contact without area.
+STANDING_CORNER = -2
 
 
 class ContactPlacement(StrEnum):

@@ -11,9 +11,9 @@ import numpy as np
 
 from geometry.mesh import BoolArray, FloatArray, IntArray
 from geometry.parts.placed import PlacedBlocks
-from geometry.polyhedra.box_tree import BoxTree, boxes_of_triangles
+from geometry.polyhedra.near.box_tree import BoxTree, boxes_of_triangles
+from geometry.polyhedra.near.triangle_search import Surface
 from geometry.polyhedra.polyhedron import Polyhedron
-from geometry.polyhedra.triangle_search import Surface
 
 Values = TypeVar("Values", FloatArray, IntArray)
 

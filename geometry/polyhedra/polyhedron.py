@@ -18,10 +18,8 @@ from scipy.spatial import ConvexHull, cKDTree
 
 from geometry.block import Block
 from geometry.mesh import BoolArray, FloatArray, IntArray, MeshError
-from geometry.polyhedra.box_tree import BoxTree, boxes_of_triangles
-from geometry.polyhedra.polygons import surface_of_polygons
-from geometry.polyhedra.solids import across_matter
-from geometry.polyhedra.triangle_search import (
+from geometry.polyhedra.near.box_tree import BoxTree, boxes_of_triangles
+from geometry.polyhedra.near.triangle_search import (
     Surface,
     coplanar_groups,
     directed_edges,
@@ -33,6 +31,8 @@ from geometry.polyhedra.triangle_search import (
     smooth_groups,
     undirected_edges,
 )
+from geometry.polyhedra.polygons import surface_of_polygons
+from geometry.polyhedra.solids import across_matter
 
 #: Edges flatter than this are the facets of a curved face, not edges [°].
 _SHARP = 25.0

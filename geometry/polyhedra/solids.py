@@ -12,7 +12,12 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from geometry.mesh import BoolArray, FloatArray, IntArray, MeshError
-from geometry.polyhedra.triangle_search import distinct_rows, in_one_piece, joined, undirected_edges
+from geometry.polyhedra.near.triangle_search import (
+    distinct_rows,
+    in_one_piece,
+    joined,
+    undirected_edges,
+)
 
 #: Faces within this angle round their edge lie on each other [rad].
 _SAME_PLACE = 1e-3

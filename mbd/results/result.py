@@ -27,7 +27,7 @@ from geometry.parts.measures import (
 )
 from geometry.parts.placed import AnyBlocks
 from geometry.parts.rows import Part, Row, finite, grouped
-from geometry.polyhedra.bare_contacts import CROSSING_EDGES, STANDING_CORNER
+from geometry.polyhedra.options import CROSSING_EDGES, STANDING_CORNER
 from mbd.contacts.jacobian import contact_wrenches
 from mbd.contacts.supports import support_wrenches
 from mbd.frictionless.equilibrium import Equilibrium

@@ -13,7 +13,7 @@ from geometry.parts.balance import balance_rows, reaction_rows
 from geometry.parts.measures import JointResultants, Measures, first_largest
 from geometry.parts.placed import AnyBlocks
 from geometry.parts.rows import Row, grouped, number
-from geometry.polyhedra.bare_contacts import CROSSING_EDGES, STANDING_CORNER
+from geometry.polyhedra.options import CROSSING_EDGES, STANDING_CORNER
 from mbd.results.result import RigidResult
 
 if TYPE_CHECKING:

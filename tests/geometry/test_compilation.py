@@ -162,7 +162,7 @@ def test_every_kernel_of_the_program_has_all_that_it_imports_in_the_name_of_its_
     assert "fem.explicit.contact.paired_kernel" in kernels
     law = "fem.contact.law"
     assert law in sources("fem.explicit.contact.sliding_kernel")
-    assert law not in sources("geometry.polyhedra.triangle_kernels")
+    assert law not in sources("geometry.polyhedra.near.triangle_kernels")
 
 
 CLOSURES = """

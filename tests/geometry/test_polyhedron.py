@@ -17,8 +17,9 @@ from geometry.files.mesh_io import hexahedra_of, read_any_mesh, write_hex_mesh
 from geometry.mesh import FloatArray, IntArray, MeshError, boundary_quads
 from geometry.parts.placed import AssemblyError
 from geometry.polyhedra.assembly import PolyhedralAssembly, polyhedral_assembly
-from geometry.polyhedra.box_tree import overlapping_boxes
 from geometry.polyhedra.facet_contact import ContactPolygons
+from geometry.polyhedra.near.box_tree import overlapping_boxes
+from geometry.polyhedra.near.triangle_search import enclosed, segment_piercings
 from geometry.polyhedra.options import DetectionOptions
 from geometry.polyhedra.overlap import check_assembly, find_overlaps
 from geometry.polyhedra.polyhedron import (
@@ -28,7 +29,6 @@ from geometry.polyhedra.polyhedron import (
     polyhedron_from_block,
     turned_outward,
 )
-from geometry.polyhedra.triangle_search import enclosed, segment_piercings
 from tests.support.blocks import random_rotation
 
 pytestmark = pytest.mark.quick

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from geometry.mesh import FloatArray, IntArray, along_curve
-from geometry.polyhedra.triangle_kernels import DEEPEST, boxes_in_tree
+from geometry.polyhedra.near.triangle_kernels import DEEPEST, boxes_in_tree
 
 #: Pairs that there is room for at first, for each box.
 _ROOM = 16

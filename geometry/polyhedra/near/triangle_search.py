@@ -9,8 +9,8 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from geometry.mesh import BoolArray, FloatArray, IntArray
-from geometry.polyhedra.box_tree import BoxTree
-from geometry.polyhedra.triangle_kernels import (
+from geometry.polyhedra.near.box_tree import BoxTree
+from geometry.polyhedra.near.triangle_kernels import (
     DEEPEST,
     enclosed_points,
     flood_planes,

@@ -1,7 +1,7 @@
 """Compiled loops over triangles: sweeping boxes, growing planes, clipping, convex hulls.
 
-Their plain callers in `geometry.polyhedra.triangle_search` and `geometry.polyhedra.facet_contact`
-say what they mean.
+Their plain callers in `geometry.polyhedra.near.triangle_search` and
+`geometry.polyhedra.facet_contact` say what they mean.
 """
 
 # mypy: disable-error-code="no-untyped-def, untyped-decorator"
@@ -41,8 +41,8 @@ def _sort_second(pairs, first, last):
 def boxes_in_tree(boxes, group, tree, tree_group, order, stack, pairs):
     """Count, and store as far as there is room, pairs of a box and one of a tree that overlap.
 
-    Trees, groups and the order of pairs as in `geometry.polyhedra.box_tree.BoxTree`; ``stack`` is
-    room for `DEEPEST` nodes.
+    Trees, groups and the order of pairs as in `geometry.polyhedra.near.box_tree.BoxTree`;
+    ``stack`` is room for `DEEPEST` nodes.
     """
     first_leaf = len(tree) // 2
     result = 0

@@ -1,0 +1,1 @@
+"""Triangles that are near each other: trees of boxes, and distances of triangles."""
