@@ -13,46 +13,13 @@ momentum, and it is the exact gradient, so energy is kept as well.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from fem.explicit.body import LaneBody
-from fem.explicit.kernels import KernelSet, fit_frames, place_force, set_spins
+from fem.explicit.kernels import KernelSet, fit_frames, place_force
 from fem.explicit.kernels.layout import LaneArray, aligned_zeros
-from geometry.mesh import FloatArray
-
-
-@dataclass
-class BlockFrame:
-    """Frames of all copies and the displacement seen from them; evolves."""
-
-    quaternion: FloatArray
-    """Rotation of each copy relative to its placement (w, x, y, z), (lanes, 4)."""
-    placing: LaneArray
-    """Q - 1, then ψ [mm/s² per mm], (4, 3, lanes)."""
-    mean: LaneArray
-    """Displacement of the mass centroid, (3, lanes) [mm]."""
-    compliance: FloatArray
-    """(tr S · 1 - S)⁻¹, (3, 3, lanes)."""
-    local: LaneArray
-    """u', (n_rows, 3, lanes) [mm]."""
-    increment: LaneArray | None
-    """Change of u' in the last step, kept where an effect needs it."""
-    torque: LaneArray
-    """Partial sums of u' × f, (n_chunks, 3, lanes)."""
-    moment: LaneArray
-    """Partial sums of the fit, (n_chunks, 12, lanes)."""
-
-    @property
-    def turn(self) -> LaneArray:
-        """Q - 1, (3, 3, lanes)."""
-        return self.placing[:3]
-
-    def set_spin(self) -> None:
-        """What makes forces of known torque torque-free."""
-        set_spins(self.torque, self.compliance, self.placing[3])
+from fem.explicit.state import BlockFrame
 
 
 def block_frame(body: LaneBody, *, keep_increment: bool) -> BlockFrame:

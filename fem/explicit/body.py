@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
@@ -21,18 +20,17 @@ from fem.explicit.kernels.layout import (
     Runs,
     block_rows,
     equal_work,
+    from_lanes,
     padded_lanes,
     runs,
 )
+from fem.explicit.state import BodyState
 from fem.explicit.timed import TimedSystem
 from fem.system.body import Body
 from fem.system.effects import BulkViscosity
 from fem.system.forces import Amplitude, ForceRows
 from fem.system.time_step import characteristic_length
 from geometry.mesh import FloatArray, IntArray
-
-if TYPE_CHECKING:
-    from fem.explicit.state import BodyState
 
 
 @dataclass(frozen=True)
@@ -313,3 +311,9 @@ def _held_lanes(stated: TimedSystem, number: int, rows: BlockRows, lanes: int) -
         tables=held.tables,
         mass=mass[~still],
     )
+
+
+def world_vectors(body: LaneBody, lanes: LaneArray) -> FloatArray:
+    """Placement-frame lanes (n_rows, 3, lanes) as world vectors, (n_copies, n_nodes, 3)."""
+    local = from_lanes(lanes, body.rows.row, body.n_copies)
+    return np.einsum("cij,cnj->cni", body.group.rotations, local)

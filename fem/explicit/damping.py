@@ -10,11 +10,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fem.explicit.body import LaneBody
+from fem.explicit.body import LaneBody, world_vectors
 from fem.explicit.kernels import add_at
 from fem.explicit.kernels.layout import LaneArray
-from fem.explicit.state import Loop, world_vectors
 from fem.explicit.step import (
+    Loop,
     damped_internal_force,
     gravity_at,
     load_factor,

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from fem.contact.search import SearchedPoints
+from fem.explicit.body import world_vectors
 from fem.explicit.damping import (
     adapt,
     applied_forces,
@@ -33,8 +34,7 @@ from fem.explicit.output.checkpoint import (
 )
 from fem.explicit.output.energy import Energies, History, copy_energies, energies
 from fem.explicit.start import prepare
-from fem.explicit.state import Loop, world_vectors
-from fem.explicit.step import damped_internal_force, step
+from fem.explicit.step import Loop, damped_internal_force, step
 from fem.explicit.timed import TimedSystem
 from fem.system.body import Body
 from fem.system.effects import LEAST_FACTOR, SAFETY_FACTOR

@@ -7,20 +7,33 @@ from collections.abc import Sequence
 import numba
 import numpy as np
 
+from fem.explicit.block_frame import block_frame, start_frames
 from fem.explicit.body import LaneBody, make_body
 from fem.explicit.contact.paired import FaceContact
 from fem.explicit.contact.sliding import SlidingContact
 from fem.explicit.damping import applied_forces
 from fem.explicit.kernels import PARALLEL, SERIAL
+from fem.explicit.kernels.layout import LaneArray, aligned_zeros, to_lanes
 from fem.explicit.setup.cell_hold import CellHold, cell_motions
-from fem.explicit.state import BodyState, Interaction, Loop, initial_body_state
+from fem.explicit.state import (
+    BodyState,
+    ElasticForceBefore,
+    ForceWork,
+    LoadState,
+    StateError,
+    StiffnessDampingState,
+    ViscousState,
+)
 from fem.explicit.step import (
+    Interaction,
+    Loop,
     gravity_at,
     placed_internal_force,
     set_applied_force,
     set_internal_force,
 )
 from fem.explicit.timed import TimedSystem
+from fem.system.effects import Effects
 from fem.system.time_step import TimeStepError
 from geometry.mesh import FloatArray
 
@@ -127,3 +140,88 @@ def _stop_supported(body: LaneBody) -> None:
     for k in range(len(index)):
         n = held.direction[k]
         flat[index[k]] -= n * (n @ flat[index[k]])
+
+
+def initial_body_state(
+    body: LaneBody,
+    effects: Effects,
+    displacement: FloatArray | None = None,
+    velocity: FloatArray | None = None,
+) -> BodyState:
+    """State of one group at time 0, before the first force; effects say which arrays are needed.
+
+    Displacement and velocity are world components, (n_copies, n_nodes, 3) [mm], [mm/s]; None: zero.
+    """
+    shape = (body.n_rows, 3, body.lanes)
+    n_chunks = len(body.rows.chunks) - 1
+    damped = effects.stiffness_damping is not None
+    alone = not effects.finite_rotation and body.viscosity is None
+    mass_damped = effects.mass_damping is not None or effects.adaptive_mass_damping is not None
+    state = BodyState(
+        displacement=_placement_lanes(body, displacement, "displacement"),
+        velocity=_placement_lanes(body, velocity, "velocity"),
+        internal_force=aligned_zeros(shape),
+        applied_force=None
+        if body.applied_row is None
+        else aligned_zeros((body.n_applied, 3, body.lanes)),
+        loads=LoadState(*np.full((2, len(body.loads)), np.nan)) if body.loads else None,
+        momentum=None
+        if body.acceleration is None or effects.gravity_amplitude is None
+        else np.full(3 * body.lanes, np.nan),
+        kinetic=np.zeros((n_chunks, body.lanes)),
+        strain_energy=np.zeros(body.lanes),
+        frame=block_frame(body, keep_increment=damped) if effects.finite_rotation else None,
+        viscous=_viscous_state(body),
+        stiffness_damping=_stiffness_damping_state(body) if damped and not alone else None,
+        elastic_before=_elastic_force_before(body) if damped and alone else None,
+        mass_damping_work=np.zeros((n_chunks, 2, body.lanes)) if mass_damped else None,
+        remembered=None
+        if effects.adaptive_mass_damping is None
+        else np.zeros((2, body.n_rows, 3, body.lanes)),
+    )
+    if state.frame is not None:
+        start_frames(state.frame, state.displacement, body)
+    return state
+
+
+def _placement_lanes(body: LaneBody, world: FloatArray | None, name: str) -> LaneArray:
+    shape = (body.n_copies, body.group.n_nodes, 3)
+    if world is None:
+        return aligned_zeros((body.n_rows, 3, body.lanes))
+    if world.shape != shape or not np.isfinite(world).all():
+        raise StateError(
+            f"initial {name} of {body.group.name}: got shape {world.shape}, expected {shape} "
+            "finite numbers (n_copies, n_nodes, 3)"
+        )
+    local = np.einsum("cij,cni->cnj", body.group.rotations, world)
+    return to_lanes(local, body.rows.order)
+
+
+def _viscous_state(body: LaneBody) -> ViscousState | None:
+    if body.viscosity is None:
+        return None
+    n_chunks = len(body.viscosity.element_chunks) - 1
+    elements = (body.group.mesh.n_elements, body.lanes)
+    return ViscousState(
+        strain=aligned_zeros(elements),
+        stress=aligned_zeros(elements),
+        dissipated=np.zeros((n_chunks, body.lanes)),
+    )
+
+
+def _elastic_force_before(body: LaneBody) -> ElasticForceBefore:
+    n_chunks = len(body.rows.chunks) - 1
+    return ElasticForceBefore(
+        force=aligned_zeros((body.n_rows, 3, body.lanes)),
+        work=np.zeros((n_chunks, 2, body.lanes)),
+        support_loss=ForceWork(),
+    )
+
+
+def _stiffness_damping_state(body: LaneBody) -> StiffnessDampingState:
+    shape = (body.n_rows, 3, body.lanes)
+    return StiffnessDampingState(
+        elastic=aligned_zeros(shape),
+        viscous=aligned_zeros(shape),
+        dissipated=np.zeros((len(body.rows.chunks) - 1, body.lanes)),
+    )

@@ -2,18 +2,10 @@
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
 from dataclasses import dataclass, field
 
-import numpy as np
-
-from fem.contact.search import SearchedPoints
-from fem.explicit.block_frame import BlockFrame, block_frame, start_frames
-from fem.explicit.body import LaneBody
-from fem.explicit.kernels import KernelSet
-from fem.explicit.kernels.layout import LaneArray, aligned_zeros, from_lanes, to_lanes
-from fem.explicit.timed import TimedSystem
-from fem.system.effects import Effects
+from fem.explicit.kernels import set_spins
+from fem.explicit.kernels.layout import LaneArray
 from geometry.errors import RefusedError
 from geometry.mesh import FloatArray
 
@@ -92,6 +84,37 @@ class LoadState:
 
 
 @dataclass
+class BlockFrame:
+    """Frames of all copies and the displacement seen from them; evolves."""
+
+    quaternion: FloatArray
+    """Rotation of each copy relative to its placement (w, x, y, z), (lanes, 4)."""
+    placing: LaneArray
+    """Q - 1, then ψ [mm/s² per mm], (4, 3, lanes)."""
+    mean: LaneArray
+    """Displacement of the mass centroid, (3, lanes) [mm]."""
+    compliance: FloatArray
+    """(tr S · 1 - S)⁻¹, (3, 3, lanes)."""
+    local: LaneArray
+    """u', (n_rows, 3, lanes) [mm]."""
+    increment: LaneArray | None
+    """Change of u' in the last step, kept where an effect needs it."""
+    torque: LaneArray
+    """Partial sums of u' × f, (n_chunks, 3, lanes)."""
+    moment: LaneArray
+    """Partial sums of the fit, (n_chunks, 12, lanes)."""
+
+    @property
+    def turn(self) -> LaneArray:
+        """Q - 1, (3, 3, lanes)."""
+        return self.placing[:3]
+
+    def set_spin(self) -> None:
+        """What makes forces of known torque torque-free."""
+        set_spins(self.torque, self.compliance, self.placing[3])
+
+
+@dataclass
 class BodyState:
     """Arrays of one group, placement frame, (n_rows, 3, lanes)."""
 
@@ -136,155 +159,3 @@ class BodyState:
     def local_displacement(self) -> LaneArray:
         """Displacement that strains the block: in its frame, or the displacement itself."""
         return self.displacement if self.frame is None else self.frame.local
-
-
-class Interaction(ABC):
-    """Forces between blocks (contact), one more term of the step; has arrays of its own."""
-
-    @abstractmethod
-    def add_force(self, loop: Loop) -> None:
-        """Add forces of the current positions to the applied forces of the bodies."""
-
-    def touched_points(self) -> float:
-        """Points of contact, counted as `geometry.machine.work.Operation.TOUCH`."""
-        return 0.0
-
-    def energy(self) -> float:
-        """Energy stored at the last force evaluation [N mm]."""
-        return 0.0
-
-    def dissipation(self) -> float:
-        """Energy dissipated up to the last force evaluation [N mm]."""
-        return 0.0
-
-    def contact(self, moved: FloatArray) -> tuple[SearchedPoints | None, FloatArray | None]:  # noqa: ARG002 - most have none
-        """Points that a search found, and friction on block s, of the last force evaluation.
-
-        At ``moved``, displacements of the nodes of the system, (n_nodes, 3) [mm]. Friction is that
-        of all points, world axes, (n_facets, n_points, 3) [MPa]; None: absent.
-        """
-        return None, None
-
-    def fault(self, loop: Loop) -> str | None:  # noqa: ARG002 - most have none
-        """What makes the run unstable and what to do, where the time step is too large; or None."""
-        return None
-
-    def arrays(self) -> dict[str, LaneArray]:
-        """Arrays that evolve and must be in a checkpoint, by name; written in place."""
-        return {}
-
-
-@dataclass
-class Loop:
-    """What is stepped: constants, the arrays that change, and where they are in time."""
-
-    stated: TimedSystem
-    """What is computed."""
-    bodies: tuple[LaneBody, ...]
-    """Its groups in lanes, each with its state."""
-    time_step: float
-    """[s]"""
-    kernels: KernelSet
-    """Serial or parallel loops."""
-    interactions: tuple[Interaction, ...] = ()
-    """Contact; empty when blocks do not meet."""
-    step: int = 0
-    """Steps done."""
-    mass_damping: float | None = None
-    """Current mass-proportional coefficient [1/s]."""
-
-    @property
-    def time(self) -> float:
-        """Time of the displacements [s]."""
-        return self.step * self.time_step
-
-
-def initial_body_state(
-    body: LaneBody,
-    effects: Effects,
-    displacement: FloatArray | None = None,
-    velocity: FloatArray | None = None,
-) -> BodyState:
-    """State of one group at time 0, before the first force; effects say which arrays are needed.
-
-    Displacement and velocity are world components, (n_copies, n_nodes, 3) [mm], [mm/s]; None: zero.
-    """
-    shape = (body.n_rows, 3, body.lanes)
-    n_chunks = len(body.rows.chunks) - 1
-    damped = effects.stiffness_damping is not None
-    alone = not effects.finite_rotation and body.viscosity is None
-    mass_damped = effects.mass_damping is not None or effects.adaptive_mass_damping is not None
-    state = BodyState(
-        displacement=_placement_lanes(body, displacement, "displacement"),
-        velocity=_placement_lanes(body, velocity, "velocity"),
-        internal_force=aligned_zeros(shape),
-        applied_force=None
-        if body.applied_row is None
-        else aligned_zeros((body.n_applied, 3, body.lanes)),
-        loads=LoadState(*np.full((2, len(body.loads)), np.nan)) if body.loads else None,
-        momentum=None
-        if body.acceleration is None or effects.gravity_amplitude is None
-        else np.full(3 * body.lanes, np.nan),
-        kinetic=np.zeros((n_chunks, body.lanes)),
-        strain_energy=np.zeros(body.lanes),
-        frame=block_frame(body, keep_increment=damped) if effects.finite_rotation else None,
-        viscous=_viscous_state(body),
-        stiffness_damping=_stiffness_damping_state(body) if damped and not alone else None,
-        elastic_before=_elastic_force_before(body) if damped and alone else None,
-        mass_damping_work=np.zeros((n_chunks, 2, body.lanes)) if mass_damped else None,
-        remembered=None
-        if effects.adaptive_mass_damping is None
-        else np.zeros((2, body.n_rows, 3, body.lanes)),
-    )
-    if state.frame is not None:
-        start_frames(state.frame, state.displacement, body)
-    return state
-
-
-def _placement_lanes(body: LaneBody, world: FloatArray | None, name: str) -> LaneArray:
-    shape = (body.n_copies, body.group.n_nodes, 3)
-    if world is None:
-        return aligned_zeros((body.n_rows, 3, body.lanes))
-    if world.shape != shape or not np.isfinite(world).all():
-        raise StateError(
-            f"initial {name} of {body.group.name}: got shape {world.shape}, expected {shape} "
-            "finite numbers (n_copies, n_nodes, 3)"
-        )
-    local = np.einsum("cij,cni->cnj", body.group.rotations, world)
-    return to_lanes(local, body.rows.order)
-
-
-def _viscous_state(body: LaneBody) -> ViscousState | None:
-    if body.viscosity is None:
-        return None
-    n_chunks = len(body.viscosity.element_chunks) - 1
-    elements = (body.group.mesh.n_elements, body.lanes)
-    return ViscousState(
-        strain=aligned_zeros(elements),
-        stress=aligned_zeros(elements),
-        dissipated=np.zeros((n_chunks, body.lanes)),
-    )
-
-
-def _elastic_force_before(body: LaneBody) -> ElasticForceBefore:
-    n_chunks = len(body.rows.chunks) - 1
-    return ElasticForceBefore(
-        force=aligned_zeros((body.n_rows, 3, body.lanes)),
-        work=np.zeros((n_chunks, 2, body.lanes)),
-        support_loss=ForceWork(),
-    )
-
-
-def _stiffness_damping_state(body: LaneBody) -> StiffnessDampingState:
-    shape = (body.n_rows, 3, body.lanes)
-    return StiffnessDampingState(
-        elastic=aligned_zeros(shape),
-        viscous=aligned_zeros(shape),
-        dissipated=np.zeros((len(body.rows.chunks) - 1, body.lanes)),
-    )
-
-
-def world_vectors(body: LaneBody, lanes: LaneArray) -> FloatArray:
-    """Placement-frame lanes (n_rows, 3, lanes) as world vectors, (n_copies, n_nodes, 3)."""
-    local = from_lanes(lanes, body.rows.row, body.n_copies)
-    return np.einsum("cij,cnj->cni", body.group.rotations, local)

@@ -9,10 +9,13 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
+from fem.contact.search import SearchedPoints
 from fem.explicit import block_frame
 from fem.explicit.body import BodyLoad, LaneBody
 from fem.explicit.kernels import (
@@ -31,8 +34,70 @@ from fem.explicit.kernels import (
     widths,
 )
 from fem.explicit.kernels.layout import LaneArray
-from fem.explicit.state import BodyState, Loop
+from fem.explicit.state import BodyState
+from fem.explicit.timed import TimedSystem
 from geometry.mesh import FloatArray
+
+
+class Interaction(ABC):
+    """Forces between blocks (contact), one more term of the step; has arrays of its own."""
+
+    @abstractmethod
+    def add_force(self, loop: Loop) -> None:
+        """Add forces of the current positions to the applied forces of the bodies."""
+
+    def touched_points(self) -> float:
+        """Points of contact, counted as `geometry.machine.work.Operation.TOUCH`."""
+        return 0.0
+
+    def energy(self) -> float:
+        """Energy stored at the last force evaluation [N mm]."""
+        return 0.0
+
+    def dissipation(self) -> float:
+        """Energy dissipated up to the last force evaluation [N mm]."""
+        return 0.0
+
+    def contact(self, moved: FloatArray) -> tuple[SearchedPoints | None, FloatArray | None]:  # noqa: ARG002 - most have none
+        """Points that a search found, and friction on block s, of the last force evaluation.
+
+        At ``moved``, displacements of the nodes of the system, (n_nodes, 3) [mm]. Friction is that
+        of all points, world axes, (n_facets, n_points, 3) [MPa]; None: absent.
+        """
+        return None, None
+
+    def fault(self, loop: Loop) -> str | None:  # noqa: ARG002 - most have none
+        """What makes the run unstable and what to do, where the time step is too large; or None."""
+        return None
+
+    def arrays(self) -> dict[str, LaneArray]:
+        """Arrays that evolve and must be in a checkpoint, by name; written in place."""
+        return {}
+
+
+@dataclass
+class Loop:
+    """What is stepped: constants, the arrays that change, and where they are in time."""
+
+    stated: TimedSystem
+    """What is computed."""
+    bodies: tuple[LaneBody, ...]
+    """Its groups in lanes, each with its state."""
+    time_step: float
+    """[s]"""
+    kernels: KernelSet
+    """Serial or parallel loops."""
+    interactions: tuple[Interaction, ...] = ()
+    """Contact; empty when blocks do not meet."""
+    step: int = 0
+    """Steps done."""
+    mass_damping: float | None = None
+    """Current mass-proportional coefficient [1/s]."""
+
+    @property
+    def time(self) -> float:
+        """Time of the displacements [s]."""
+        return self.step * self.time_step
 
 
 def step(loop: Loop, *, sample: bool = False) -> None:

@@ -20,8 +20,7 @@ from fem.explicit.solve import (
     watch,
 )
 from fem.explicit.start import prepare
-from fem.explicit.state import Loop
-from fem.explicit.step import step
+from fem.explicit.step import Loop, step
 from fem.explicit.timed import TimedSystem
 from fem.system.body import Body, placed_body
 from fem.system.effects import BulkViscosity, Effects, RayleighDamping

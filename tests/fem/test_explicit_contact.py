@@ -7,10 +7,10 @@ from fem import CoulombFriction, Frames, Material
 from fem.contact.friction import Coulomb
 from fem.contact.normals import ContactNormals
 from fem.element.facet import FACET_SLOPES, FACET_VALUES
+from fem.explicit.body import world_vectors
 from fem.explicit.damping import applied_forces
 from fem.explicit.setup.timed_system import timed_system
 from fem.explicit.start import prepare
-from fem.explicit.state import world_vectors
 from fem.system.contact_state import corner_displacements
 from geometry.families.sine_block import SineBlockDivisions
 from geometry.families.tube import SineTube

@@ -8,6 +8,7 @@ import pytest
 from fem import CoulombFriction, ExponentialLaw, LinearPenalty
 from fem.contact.friction import FrictionError
 from fem.contact.normals import ContactNormals
+from fem.explicit.body import world_vectors
 from fem.explicit.damping import applied_forces
 from fem.explicit.setup.timed_system import timed_system
 from fem.explicit.solve import (
@@ -16,7 +17,6 @@ from fem.explicit.solve import (
     run_explicit,
 )
 from fem.explicit.start import prepare
-from fem.explicit.state import world_vectors
 from fem.explicit.step import step
 from fem.system.effects import Effects, RayleighDamping
 from fem.system.time_step import critical_time_step

@@ -34,10 +34,10 @@ from fem.answer.energies import energies_of, external_work, load_work, strain_en
 from fem.answer.forces import imbalance_of, joints_of
 from fem.answer.pressures import contact_measures
 from fem.contact.law import ContactLaw
+from fem.explicit.body import world_vectors
 from fem.explicit.damping import applied_forces
 from fem.explicit.setup.timed_system import timed_system
 from fem.explicit.start import prepare
-from fem.explicit.state import world_vectors
 from fem.explicit.timed import TimedSystem
 from fem.state import State
 from fem.static.linear_step.linearisation import StaticError

@@ -11,9 +11,9 @@ from fem.contact.normals import ContactNormals
 from fem.contact.search import closest_points
 from fem.contact.surfaces import ContactError
 from fem.element.facet import bilinear
+from fem.explicit.body import world_vectors
 from fem.explicit.setup.timed_system import timed_system
 from fem.explicit.start import prepare
-from fem.explicit.state import world_vectors
 from fem.explicit.step import step
 from geometry import Assembly
 from geometry.block import box_block

@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 
 from fem import CoulombFriction, Frames, LinearPenalty
+from fem.explicit.body import world_vectors
 from fem.explicit.damping import applied_forces
 from fem.explicit.kernels.layout import to_lanes
 from fem.explicit.setup.timed_system import timed_system
 from fem.explicit.start import prepare
-from fem.explicit.state import world_vectors
 from geometry.mesh import HexMesh
 from tests.support.blocks import random_rotation
 from tests.support.fem_problems import in_contact

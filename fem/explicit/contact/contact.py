@@ -6,7 +6,7 @@ from abc import abstractmethod
 
 from fem.contact.friction import coulomb
 from fem.explicit.contact.compiled_law import compiled_law
-from fem.explicit.state import Interaction, Loop
+from fem.explicit.step import Interaction, Loop
 from fem.explicit.timed import TimedSystem
 from fem.system.time_step import critical_time_step
 from geometry.mesh import IntArray

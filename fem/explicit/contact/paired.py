@@ -27,7 +27,7 @@ from fem.explicit.contact.paired_kernel import (
 )
 from fem.explicit.kernels import PARALLEL
 from fem.explicit.kernels.layout import LaneArray, aligned_zeros, equal_work
-from fem.explicit.state import Loop
+from fem.explicit.step import Loop
 from fem.explicit.timed import TimedSystem
 from geometry.mesh import FloatArray, IntArray
 

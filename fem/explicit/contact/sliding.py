@@ -26,7 +26,7 @@ from fem.explicit.contact.sliding_kernel import (
     sliding_forces,
 )
 from fem.explicit.kernels.layout import LaneArray
-from fem.explicit.state import Loop
+from fem.explicit.step import Loop
 from fem.explicit.timed import TimedSystem
 from fem.system.contact_state import facing_points
 from geometry.mesh import FloatArray, IntArray

@@ -21,7 +21,7 @@ import numpy as np
 from scipy.sparse import bsr_array
 
 from fem.explicit.output.energy import COLUMNS, History
-from fem.explicit.state import Loop
+from fem.explicit.step import Loop
 from geometry.errors import RefusedError, unreadable
 from geometry.machine.system import stop_signals
 

@@ -15,7 +15,8 @@ import numpy as np
 from fem.explicit.body import LaneBody
 from fem.explicit.kernels import dot_lanes
 from fem.explicit.kernels.layout import aligned_zeros
-from fem.explicit.state import BodyState, Loop
+from fem.explicit.state import BodyState
+from fem.explicit.step import Loop
 from geometry.mesh import FloatArray
 
 

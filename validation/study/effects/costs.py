@@ -16,8 +16,7 @@ from typing import Any
 from fem.dynamics import stated_run
 from fem.explicit.output.checkpoint import bytes_of
 from fem.explicit.start import prepare
-from fem.explicit.state import Loop
-from fem.explicit.step import step
+from fem.explicit.step import Loop, step
 from fem.explicit.timed import TimedSystem
 from fem.method import Explicit
 from validation.case import Case, refuse_cell
