@@ -370,6 +370,7 @@ def _write_frames(
     """Call back with the beginning and so many states of the path, the whole load last.
 
     With friction, and where supports move, there may be fewer: the answer does not depend on them.
+    Their times are those of supports that move, else shares of the load.
     """
     on_frame, path = follower.on_frame, [*state.evidence.path, state]
     if count == 0 or on_frame is None:
@@ -381,9 +382,12 @@ def _write_frames(
         path = [*static_state(state.deformable, in_parts).evidence.path, state]
     began = state.system.begin
     moved = np.zeros_like(state.displacement) if began is None else began[0]
-    path = [replace(path[0], displacement=moved, load_factor=0.0), *path]
+    path = [replace(path[0], displacement=moved, load_factor=0.0, time=0.0), *path]
+    moves = state.time is not None
+    at = {(one.time or 0.0) if moves else one.load_factor: one for one in path}
+    times, path = list(at), list(at.values())
     chosen = np.unique(np.round(np.linspace(len(path) - 1, 0, min(count, len(path)))).astype(int))
     for number, k in enumerate(chosen.tolist()):
         one, bodies, last = path[k], state.deformable.bodies, k == len(path) - 1
-        on_frame(Frame(number, one.load_factor, bodies, one.displacements, last=last))
+        on_frame(Frame(number, times[k], bodies, one.displacements, last=last))
     follower.watch.lap("frames")

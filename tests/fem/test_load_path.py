@@ -128,6 +128,18 @@ def test_what_slid_stays_behind_the_load():
     assert back.frictional_dissipation > direct.frictional_dissipation > 0.0
 
 
+def test_frames_of_supports_that_move_have_their_times() -> None:
+    """At time 0 the loads act; the block that is pushed then goes on in proportion to time."""
+    frames: list[Frame] = []
+    settings = {"fem.mesh": "scene", "fem.frames": 6, "fem.error_estimate": False}
+    on_its_mesh("shifted-boxes", {**settings, "fem.method": "static"}, on_frame=frames.append)
+    times = np.array([frame.time for frame in frames])
+    assert times == pytest.approx(np.linspace(0.0, 1.0, 6))
+    ways = np.array([max(np.abs(u).max() for u in f.displacements) for f in frames])
+    assert ways[0] < 0.1 * ways[-1]
+    assert np.abs(ways - times * ways[-1]).max() <= 2.0 * ways[0]
+
+
 def test_frames_of_a_problem_after_another_begin_at_its_state():
     """The first is the state of the problem before, the last the answer."""
     blocks = column()
