@@ -233,6 +233,7 @@ def least_forces(
     *,
     cost: FloatArray | None = None,
     weights: FloatArray | None = None,
+    live: FloatArray | None = None,
     work: Work,
 ) -> Any:
     """Solve for the admissible forces of least cost that balance a load of one.
@@ -247,6 +248,8 @@ def least_forces(
         Of each force, (3 n_contacts,); None: half the sum of their squares …
     weights
         … over those of these, (n_contacts,); None: ones.
+    live
+        A load (n_rows,) whose factor is one more unknown, the last one, with its own cost.
     work
         Counts the program.
 
@@ -258,11 +261,14 @@ def least_forces(
     n = contacts.n_contacts
     rows, cones = admissible_cones(contacts)
     column = np.ones(n) if weights is None else weights
-    squares = sp.diags_array(np.repeat(column**-2.0, 3))
+    squares, equal = sp.diags_array(np.repeat(column**-2.0, 3)), contacts.matrix
+    if live is not None:
+        equal = sp.hstack([equal, sp.csc_array(live[:, None])])
+        rows = sp.hstack([rows, sp.csc_array((rows.shape[0], 1))])
     return least_conic(
-        quadratic=squares if cost is None else sp.csc_array((3 * n, 3 * n)),
+        quadratic=squares if cost is None else sp.csc_array((len(cost), len(cost))),
         cost=np.zeros(3 * n) if cost is None else cost,
-        equal=contacts.matrix,
+        equal=equal,
         target=-load,
         rows=rows,
         cones=cones,
@@ -463,20 +469,10 @@ def _largest_factor(
     contacts: FrictionalContacts, dead: FloatArray, live: FloatArray
 ) -> tuple[float, FloatArray, FloatArray]:
     """Factor of the live load at collapse, contact forces there, and the mechanism's direction."""
-    n, size = contacts.n_contacts, float(np.linalg.norm(live))
+    size = float(np.linalg.norm(live))
     scale = max(float(np.linalg.norm(dead)), size)
-    rows, cones = admissible_cones(contacts)
-    cost = np.zeros(3 * n + 1)
-    cost[-1] = -1.0
-    solution = least_conic(
-        quadratic=sp.csc_array((3 * n + 1, 3 * n + 1)),
-        cost=cost,
-        equal=sp.hstack([contacts.matrix, sp.csc_array((live / size)[:, None])]),
-        target=-dead / scale,
-        rows=sp.hstack([rows, sp.csc_array((rows.shape[0], 1))]),
-        cones=cones,
-        work=Work(),
-    )
+    cost = np.append(np.zeros(3 * contacts.n_contacts), -1.0)
+    solution = least_forces(contacts, dead / scale, cost=cost, live=live / size, work=Work())
     x = _bounded(solution.x)
     forces = scale * contacts.projected(x[:-1].reshape(-1, 3))
     dual = _unit_largest(np.asarray(solution.z)[: len(live)])
