@@ -330,6 +330,7 @@ def main() -> None:
     found = [change for change in drawn if not change.file.startswith(NO_RESULTS)]
     for number, change in enumerate(found[asked.first : asked.count], asked.first + 1):
         tests = related.chosen(change, asked.seconds)
+        change.apply((tree / change.file).read_text("utf-8"))  # which tells what was there
         start = time.monotonic()
         result = (outcome(out, change, tests) or "SURVIVED") if tests else "NO TEST"
         line, took = change.place[0], time.monotonic() - start
