@@ -11,6 +11,7 @@ with quadratic objectives", arXiv:2405.12762 (2024).
 from __future__ import annotations
 
 import math
+import warnings
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
@@ -88,12 +89,9 @@ def least_conic(
     rows: Any,
     cones: list[Any],
     tolerance: float = 1e-11,
-    work: Work | None,
+    work: Work,
 ) -> Any:
-    """Minimise ½ xᵀPx + qᵀx subject to equal x = target, rows x in the cones (clarabel).
-
-    Counted as work, if that is given.
-    """
+    """Minimise ½ xᵀPx + qᵀx subject to equal x = target, rows x in the cones (clarabel)."""
     # Loaded here, as HiGHS: most answers need neither.
     import clarabel
 
@@ -113,9 +111,32 @@ def least_conic(
         settings,
     )
     result = solver.solve()
-    if work is not None:
-        work.conic(result.iterations, constraint.nnz)
+    work.conic(result.iterations, constraint.nnz)
     return result
+
+
+def least_quadratic(
+    quadratic: Any,
+    *,
+    equal: Any,
+    target: FloatArray,
+    lower: FloatArray,
+    tolerance: float,
+) -> Any:
+    """Minimise ½ xᵀPx subject to equal x = target, x >= lower (clarabel through qpsolvers)."""
+    import qpsolvers
+
+    stated = qpsolvers.Problem(
+        P=sp.csc_matrix(quadratic),
+        q=np.zeros(len(lower)),
+        A=sp.csc_matrix(equal),
+        b=target,
+        lb=lower,
+    )
+    names = ("tol_gap_abs", "tol_gap_rel", "tol_feas")
+    with warnings.catch_warnings():  # whoever asks judges by the residual
+        warnings.filterwarnings("ignore", message="Clarabel.rs terminated")
+        return qpsolvers.solve_problem(stated, solver="clarabel", **dict.fromkeys(names, tolerance))
 
 
 def least_linear(

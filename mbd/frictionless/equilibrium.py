@@ -345,15 +345,13 @@ def clarabel_equilibrium(
     *,
     weights: FloatArray | None = None,
 ) -> Equilibrium:
-    """Solve the same problem by clarabel's interior-point method.
+    """Solve the same problem by clarabel's interior-point method through qpsolvers.
 
     Parameters and result as in `newton_equilibrium`. Where clarabel finds no equilibrium, the
     mechanism comes from the projection min ½‖G λ + f‖², λ >= 0, solved by clarabel too: its
     residual is a load-activated mechanism.
     """
-    import clarabel
-
-    from mbd.programs import least_conic
+    from mbd.programs import least_quadratic
 
     n_rows, n_contacts = jacobian.shape
     size = load_size(load)
@@ -362,27 +360,24 @@ def clarabel_equilibrium(
         return known
     column = np.ones(n_contacts) if weights is None else weights
     matrix = jacobian.to_matrix() * column[None, :]
-    unit_load, eye, rest = load / size, sp.eye_array(n_contacts), sp.eye_array(n_rows)
-    find = partial(
-        least_conic, target=-unit_load, cones=[clarabel.NonnegativeConeT(n_contacts)], work=None
-    )
-    solution = find(
-        quadratic=eye, cost=np.zeros(n_contacts), equal=matrix, rows=eye, tolerance=1e-12
+    unit_load, none, rest = load / size, np.zeros(n_contacts), sp.eye_array(n_rows)
+    solution = least_quadratic(
+        sp.eye_array(n_contacts), equal=matrix, target=-unit_load, lower=none, tolerance=1e-12
     )
     # An infeasible problem still returns a vector: the residual, not the status alone, decides.
-    mu = np.maximum(np.asarray(solution.x), 0.0)
+    mu = none if solution.x is None else np.maximum(np.asarray(solution.x), 0.0)
     residual = float(np.linalg.norm(matrix @ mu + unit_load))
     direction = None
     if not residual <= EQUILIBRIUM_TOLERANCE:
         # Variables (μ, r) with r = G μ + f keep the problem as sparse as G.
-        solution = find(
-            quadratic=sp.block_diag([sp.csc_array((n_contacts, n_contacts)), rest]),
-            cost=np.zeros(n_contacts + n_rows),
+        solution = least_quadratic(
+            sp.block_diag([sp.csc_array((n_contacts, n_contacts)), rest]),
             equal=sp.hstack([matrix, -rest]),
-            rows=sp.hstack([eye, sp.csc_array((n_contacts, n_rows))]),
+            target=-unit_load,
+            lower=np.concatenate([none, np.full(n_rows, -np.inf)]),
             tolerance=1e-8,
         )
-        mu = np.maximum(np.asarray(solution.x)[:n_contacts], 0.0)
+        mu = none if solution.x is None else np.maximum(np.asarray(solution.x)[:n_contacts], 0.0)
         imbalance = matrix @ mu + unit_load
         residual = float(np.linalg.norm(imbalance))
         if residual > EQUILIBRIUM_TOLERANCE:
