@@ -21,7 +21,7 @@ from fem.state import State
 from fem.static.solve import StaticOptions, static_state
 from geometry.block import Block
 from geometry.errors import RefusedError
-from geometry.machine.work import Budget, LimitError, allowance
+from geometry.machine.work import Budget, LimitError, allowance, unlimited
 
 #: Elements along an edge of the coarser meshes over those of the run.
 SHARES = (0.5, 2.0 / 3.0)
@@ -83,18 +83,19 @@ def static_errors(
     if not coarser_ones:
         stick = _change_by_stick(problem, state, solve)
     elements, meshes = state.deformable.n_elements, []
-    for other in others:
-        refinement = (elements / other.deformable.n_elements) ** (1.0 / 3.0)
-        if refinement != 1.0:
-            meshes.append((values_of(other), refinement))
-    bars = one_mesh_bars(
-        values_of(state),
-        meshes,
-        degrees,
-        bracketed(state) if meshes and not degrees else {},
-        load_step_change(state),
-        safety=safety,
-    )
+    with unlimited():  # of what is solved
+        for other in others:
+            refinement = (elements / other.deformable.n_elements) ** (1.0 / 3.0)
+            if refinement != 1.0:
+                meshes.append((values_of(other), refinement))
+        bars = one_mesh_bars(
+            values_of(state),
+            meshes,
+            degrees,
+            bracketed(state) if meshes and not degrees else {},
+            load_step_change(state),
+            safety=safety,
+        )
     searched = not problem.searches and any(one.searches for one, _ in coarser_ones)
     return OneMeshErrors(with_stick(bars, stick), searched)
 
