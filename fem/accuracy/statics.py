@@ -220,7 +220,10 @@ def _answer(
             from fem.accuracy.strength import strength_factors
 
             tell("load factors")
-            shown = measures_of(state, bars.errors, facets=bars.facets, remarks=bars.remarks)
+            with unlimited():
+                shown = dict(
+                    measures_of(state, bars.errors, facets=bars.facets, remarks=bars.remarks)
+                )
             factors = strength_factors(state, shown, options, bars.under)
             watch.lap("load factors")
     with unlimited():
