@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import TYPE_CHECKING, Any
@@ -39,7 +40,7 @@ from geometry.assembly import Assembly
 from geometry.compilation.clocks import Stopwatch, timed_stages
 from geometry.errors import RefusedError
 from geometry.machine.system import one_thread_of_blas
-from geometry.machine.work import LIMITS, Budget, LimitError, budget, clock, unlimited
+from geometry.machine.work import Budget, LimitError, budget, clock, unlimited
 from geometry.mesh import FloatArray
 from geometry.parts.rows import Notes, Part, Row
 
@@ -272,13 +273,10 @@ def _of_coarser(
     if method.error_estimate and problem.after is None:
         follower.tell("coarser meshes, for the errors")
         solve = partial(_state, options=options)
-        try:
+        with suppress(LimitError):  # the table says which
             errors, searched = static_errors(problem, state, solve, spent)
-        except LimitError as limit:
-            words, searched = f"none: {LIMITS[limit.by]}", False
-            parts["notes"] = Notes([Row("error bars", words, group="evidence")])
-        if searched:
-            parts["notes"] = Notes([Row("error bars", _TWO_SEARCHES, group="evidence")])
+            if searched:
+                parts["notes"] = Notes([Row("error bars", _TWO_SEARCHES, group="evidence")])
         follower.watch.lap("error bars")
     elif not method.error_estimate:
         parts["notes"] = Notes([NOT_ASKED])

@@ -20,6 +20,7 @@ from fem.answer.pressures import CapAction, ContactMeasures, cap_action
 from fem.state import State
 from geometry.answer import PAPER, Answer, measure_rows
 from geometry.assembly import Assembly
+from geometry.machine.work import LIMITS
 from geometry.mesh import FloatArray
 from geometry.parts.balance import balance_rows, reaction_rows
 from geometry.parts.rows import Row, grouped, number
@@ -133,7 +134,7 @@ def _bar_rows(answer: Answer) -> list[Row]:
     limit, state = answer.report.get("work", {}).get("stopped_by"), answer.details
     why = "none of a problem after another"
     if limit is not None:
-        why = f"none: the limit of {limit} ended the run before the meshes that they need"
+        why = f"none: {LIMITS[limit]} ended the run before the meshes that they need"
     elif state.run is not None:
         static = "" if quasi_static(state) is None else "compare, or "
         why = f"none of an explicit run: {static}solve on other meshes"
