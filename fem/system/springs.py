@@ -63,13 +63,6 @@ class Springs(ReadOnlyArrays):
         result = -np.einsum("fij,fj->fi", self.matrices, moved)
         return np.asarray(result.reshape(*self.nodes.shape, 3))
 
-    @property
-    def nodal_stiffness(self) -> FloatArray:
-        """Bound of the stiffness that each node feels, (n_nodes,) [N/mm]."""
-        rows = np.asarray(abs(self.stiffness).sum(axis=1), dtype=np.float64)
-        bound: FloatArray = rows.reshape(-1, 3).max(axis=1)
-        return bound
-
 
 #: Name of the springs, corners of facets (n, 4), stiffness per area, directions (k, 3).
 Bed: TypeAlias = tuple[str, IntArray, float, FloatArray]
