@@ -103,3 +103,11 @@ def test_pressures_on_facets_that_are_written_have_the_largest_of_the_table(tmp_
     facets = pyvista.read(tmp_path / "contact_pressures.vtu")
     largest = read_answer(tmp_path).measures["p_max_facet"].value
     assert facets.cell_data["contact_pressure"].max() == pytest.approx(largest, rel=1e-9)
+
+
+def test_pushes_that_rigid_blocks_have_no_limit_of_are_drawn(tmp_path):
+    """Beside another support that moves the rigid analysis refuses a push."""
+    coarse = ("--set", "mesh.elements=2", "--set", "fem.motion_steps=4")
+    status, _, printed = command("fem", "cattaneo-mindlin", *coarse, "-o", str(tmp_path))
+    assert status == 0, printed
+    assert (tmp_path / "motions.png").exists()

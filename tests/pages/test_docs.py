@@ -22,7 +22,7 @@ from mdit_py_plugins.front_matter import front_matter_plugin
 
 from tests.fixtures.commands import undrawn
 from tests.support.commands import command
-from validation import builtin_names, load_case
+from validation import builtin_names, load_case, solve
 
 ROOT = Path(__file__).parents[2]
 DOCS = ROOT / "docs"
@@ -428,3 +428,12 @@ def test_commands_of_a_page_print_what_is_shown(
     output = "".join(out for _, out, _ in runs)
     assert {status for status, _, _ in runs} == {0}
     assert _missing(shown, output) == [], output
+
+
+def test_the_gallery_asks_rigid_blocks_of_no_supports_that_they_refuse() -> None:
+    plan = tomllib.loads((DOCS / "gallery.toml").read_text("utf-8"))
+    (group,) = (one for one in plan["group"] if one["title"].startswith("Supports"))
+    for name in group["scenes"]:
+        runs = plan["scene"].get(name, {}).get("runs", plan["runs"])
+        if any(words.startswith("mbd") for words in runs):
+            solve(load_case(name, method="rigid"))

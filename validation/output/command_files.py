@@ -14,6 +14,7 @@ from geometry.assembly import Assembly
 from geometry.files.mesh_io import write_cells
 from geometry.machine.system import write_whole
 from geometry.parts.measures import JointResultants, SectionForces
+from validation.errors import InputError
 from validation.output import answer_files
 from validation.output.files import FRAMES, write_csv
 from validation.output.outputs import Outputs
@@ -191,10 +192,16 @@ def _write_motions(curves: Iterable[PushCurve], path: Path) -> None:
 
 
 def _rigid_limit(answer: Answer) -> float | None:
-    """Limit of the push of a scene with associated friction [N]; None where there is none."""
+    """Limit of the push of a scene with associated friction [N]; None where there is none.
+
+    Rigid blocks have none beside springs and other supports that move.
+    """
     if not any(support.is_push for support in answer.problem.load_case.held):
         return None
-    push = solve(answer.case.with_method("rigid")).parts["push_limit"]
+    try:
+        push = solve(answer.case.with_method("rigid")).parts["push_limit"]
+    except InputError:
+        return None
     return push.associated  # type: ignore[attr-defined]
 
 
