@@ -33,7 +33,7 @@ def _coloured(mesh: Any) -> Any:
     import numpy as np
 
     from validation.output.pictures.canvas import Polygons
-    from validation.output.pictures.gallery import PRESSURE_MAP, Scale
+    from validation.output.pictures.scales import PRESSURE_MAP, Scale
 
     name = next(key for key in mesh.cell_data if "pressure" in key)
     values = np.asarray(mesh.cell_data[name])

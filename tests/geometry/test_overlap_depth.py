@@ -184,7 +184,7 @@ class _Round:
 def test_round_blocks_are_as_deep_as_they_are_pushed_whatever_facets_draw_them(depth, step) -> None:
     """One ring in another: facets are up to 14 mm in each other where they only touch."""
     outer = voussoir(1050.0, 100.0, 300.0, 1.0, pieces=3)
-    inner = voussoir(950.0, 100.0, 300.0, 1.0, pieces=4)
+    inner = voussoir(950.0, 100.0, 280.0, 1.0, pieces=4)  # narrower: its corners are inside
     shapes = [replace(b, exact=_Round(b, r)) for b, r in ((outer, 1050.0), (inner, 950.0))]
     # Away from the origin, turned; the inner one is pushed outward at half of its angle.
     turn, where = random_rotation(3), np.array([3000.0, -200.0, 700.0])

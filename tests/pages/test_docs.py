@@ -10,6 +10,7 @@ import sys
 import tomllib
 from collections.abc import Iterator
 from functools import cache
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -437,3 +438,17 @@ def test_the_gallery_asks_rigid_blocks_of_no_supports_that_they_refuse() -> None
         runs = plan["scene"].get(name, {}).get("runs", plan["runs"])
         if any(words.startswith("mbd") for words in runs):
             solve(load_case(name, method="rigid"))
+
+
+def test_what_the_build_of_the_site_imports_exists() -> None:
+    """Also where it is imported when a page with runs is written."""
+    named = {
+        (str(node.module), name.name)
+        for path in [*(DOCS / "ext").glob("*.py"), DOCS / "conf.py"]
+        for node in ast.walk(ast.parse(path.read_text("utf-8")))
+        if isinstance(node, ast.ImportFrom)
+        for name in node.names
+        if str(node.module).partition(".")[0] in {"geometry", "mbd", "fem", "validation"}
+    }
+    assert named
+    assert not [pair for pair in named if not hasattr(import_module(pair[0]), pair[1])]
