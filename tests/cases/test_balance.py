@@ -11,12 +11,13 @@ import numpy as np
 import pytest
 import trimesh
 
-from fem import Problem, concrete, solve_static
-from geometry import Answer, SineBlock, pipe, tube
+from fem import solve_static
+from geometry import Answer
+from tests.support.coarse_tubes import keys, pressed
 from validation import load_case, solve
 
 SCENES = sorted(file.stem for file in Path(str(files("validation") / "scenes")).glob("*.toml"))
-TUBE = {"assembly.layers": 1, "mesh.around": 12, "mesh.radial": 1, "mesh.axial": 2}
+TUBE = keys(1, 2)
 TWISTED = {"assembly.layers": 1, "mesh.edge": 2, "mesh.radial": 1}
 SMALL: dict[str, dict[str, Any]] = {
     "osteomorphic": {"assembly.columns": 1, "assembly.layers": 1, "mesh.divisions": [4, 2, 2]},
@@ -265,10 +266,7 @@ def test_a_load_that_balances_itself_is_measured_by_its_parts(method: str) -> No
 
 def test_no_friction_is_friction_of_zero() -> None:
     """In Python too: the same measures with the same error bars, from the same work."""
-    block = SineBlock(
-        height=200, amplitude=20, frequency=1.5, blocks_per_layer=4, inner_radius=120, thickness=40
-    )
-    problem = Problem(tube(block, layers=1, mesh=(12, 1, 2)), pipe(0.01), concrete)
+    problem = pressed()
     without, zero = (solve_static(replace(problem, friction=mu)) for mu in (None, 0.0))
     assert {n: m.as_json() for n, m in zero.measures.items()} == {
         n: m.as_json() for n, m in without.measures.items()

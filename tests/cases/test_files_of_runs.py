@@ -7,10 +7,11 @@ import pytest
 import pyvista
 
 from mbd import analyse
+from tests.support.coarse_tubes import coarse
 from tests.support.commands import command
 from validation import load_case, read_answer, write
 
-MESH = ("mesh.around=12", "mesh.radial=1", "mesh.axial=4", "assembly.layers=1", "fem.mesh=scene")
+MESH = (*coarse(1, 4), "fem.mesh=scene")
 COARSE = tuple(word for setting in MESH for word in ("--set", setting))
 EXPLICIT = (
     *("--set", "fem.method=explicit", "--set", "fem.end_time=2e-5", "--set", "fem.frames=3"),

@@ -15,9 +15,10 @@ from fem import Explicit, Problem, Static, concrete, solve_explicit, solve_stati
 from geometry import Answer, SineBlock, pipe, tube
 from mbd import Rigid, analyse
 from tests.fixtures.commands import small_meshes
+from tests.support.coarse_tubes import keys
 from validation import compare, cost, load_case, plot, read_answer, sweep, write
 
-COARSE = {"assembly.layers": 1, "mesh.around": 12, "mesh.radial": 2, "mesh.axial": 2}
+COARSE = keys(2, 2)
 SETTINGS = [word for key, value in COARSE.items() for word in ("--set", f"{key}={value}")]
 
 

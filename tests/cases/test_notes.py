@@ -9,12 +9,13 @@ import numpy as np
 import pytest
 
 from tests.support.answers import on_its_mesh
+from tests.support.coarse_tubes import coarse
 from tests.support.commands import command
 from validation import load_case
 
 pytestmark = pytest.mark.quick
 
-COARSE = ("assembly.layers=1", "mesh.around=12", "mesh.radial=1", "mesh.axial=4")
+COARSE = coarse(1, 4)
 ONE_MESH = ("fem.mesh=scene", "fem.error_estimate=false")
 
 

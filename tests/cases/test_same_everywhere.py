@@ -9,6 +9,7 @@ from typing import Any
 import pytest
 from threadpoolctl import threadpool_limits
 
+from tests.support.coarse_tubes import keys
 from validation import load_case, solve, sweep
 
 CASES: dict[str, tuple[str, str, dict[str, Any]]] = {
@@ -89,7 +90,7 @@ def test_a_limit_that_allows_a_mesh_allows_its_answer() -> None:
 
 def test_a_limit_that_leaves_out_error_bars_stands_in_the_answer() -> None:
     """On one mesh the state is found whatever it takes; its bars within the limit of the rest."""
-    settings = {"assembly.layers": 1, "mesh.around": 12, "mesh.radial": 1, "mesh.axial": 2}
+    settings = keys(1, 2)
     case = load_case("tsb1-pipe", {**settings, "fem.mesh": "scene"}, method="static")
     whole = solve(case).as_dict()
     assert whole["work"]["stopped_by"] is None

@@ -24,6 +24,7 @@ from geometry import ColumnBox, LoadCase, RefusedError, box_column
 from mbd import analyse
 from tests.support.answers import on_its_mesh
 from tests.support.arch import arch_run
+from tests.support.coarse_tubes import keys
 from tests.support.pressed_boxes import AREA, PRESSURE, SHEAR, STICK, boxes
 from validation import load_case, read_answer, section, write
 
@@ -119,7 +120,7 @@ def test_sections_of_an_arch_are_in_equilibrium_with_the_blocks_between() -> Non
 
 
 def test_a_pillar_carries_the_same_rigid_and_static() -> None:
-    settings = {"assembly.layers": 1, "mesh.around": 12, "mesh.radial": 2, "mesh.axial": 2}
+    settings = keys(2, 2)
     problem = load_case("tsb1-pillar", settings).problem
     rigid = section(analyse(problem), [0.0, 0.0, 200.0], [0.0, 0.0, 1.0])
     static = solve_static(problem, Static(mesh="scene", error_estimate=False))

@@ -16,11 +16,12 @@ from fem import Explicit, Static, solve_explicit, solve_static
 from geometry import Answer, RefusedError
 from mbd import analyse
 from tests.fixtures.commands import small_meshes
+from tests.support.coarse_tubes import keys
 from tests.support.commands import command
 from validation import builtin_names, load_case, solve
 
 #: Fewer and coarser blocks, by names or their beginnings: the law holds for any scene.
-SINE = {"assembly.layers": 1, "mesh.around": 12, "mesh.radial": 1, "mesh.axial": 4}
+SINE = keys(1, 4)
 FEWER: dict[str, dict[str, Any]] = {
     "tsb": SINE,
     "thb": {"assembly.layers": 1, "mesh.edge": 4, "mesh.radial": 1},

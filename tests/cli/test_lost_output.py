@@ -13,8 +13,10 @@ from typing import Any
 
 import pytest
 
+from tests.support.coarse_tubes import coarse
+
 COMMAND = [sys.executable, "-m", "validation.cli"]
-SMALL = ["assembly.layers=1", "mesh.around=12", "mesh.radial=1", "mesh.axial=2"]
+SMALL = list(coarse(1, 2))
 RIGID = ["mbd", "tsb1-pipe", *(part for s in SMALL for part in ("--set", s))]
 FILES = {"contact_pressures.png", "joints.csv", "answer.json"}
 

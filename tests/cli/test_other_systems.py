@@ -12,6 +12,7 @@ from pathlib import Path
 import pytest
 
 from tests.support import endless
+from tests.support.coarse_tubes import coarse
 
 PACKAGES = ("geometry", "mbd", "fem", "validation")
 #: Loaded by every Python process of a test, workers too: takes away what Windows lacks. Libraries
@@ -74,7 +75,7 @@ def reported(done: subprocess.CompletedProcess[str]) -> list[str]:
 
 #: End of a line that a run of more than two seconds prints, here or on a slower machine.
 PROGRESS = r" … [\d.]+ \w+$"
-SMALL = ("assembly.layers=1", "mesh.around=12", "mesh.radial=1", "mesh.axial=2")
+SMALL = coarse(1, 2)
 
 
 @pytest.mark.parametrize(

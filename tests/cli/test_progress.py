@@ -5,6 +5,7 @@ from types import SimpleNamespace
 
 import pytest
 
+from tests.support.coarse_tubes import coarse
 from validation.output import console as progress
 from validation.output.console import (
     WINDOW,
@@ -16,7 +17,7 @@ from validation.output.console import (
     plain_console,
 )
 
-COARSE = ("assembly.layers=1", "mesh.around=12", "mesh.radial=2", "mesh.axial=2")
+COARSE = coarse(2, 2)
 TUBE = ("tsb1-pipe", *(word for setting in COARSE for word in ("--set", setting)))
 
 

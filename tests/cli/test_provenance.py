@@ -15,12 +15,13 @@ import meshio
 import numpy as np
 import pytest
 
+from tests.support.coarse_tubes import coarse
 from validation import builtin_text, load_case, read_answer
 from validation.output.files import Provenance, program, stamp_vtu, stamped
 from validation.output.outputs import Outputs
 from validation.scene.read import check_scene
 
-SMALL = ("assembly.layers=1", "mesh.around=12", "mesh.radial=1", "mesh.axial=2")
+SMALL = coarse(1, 2)
 
 
 def tubelock(*arguments: str, folder: Path) -> str:

@@ -18,6 +18,7 @@ from hypothesis import strategies as st
 
 from geometry import RefusedError
 from tests.fixtures.commands import undrawn
+from tests.support.coarse_tubes import coarse
 from tests.support.commands import command
 from tests.support.cubes_deck import CUBES
 from tests.support.drawn_blocks import cuboid, write_obj
@@ -28,7 +29,7 @@ from validation.scene.read import check_scene
 
 #: Scenes that are built and answered in a blink, by what makes them small.
 SMALL = {
-    "tsb1-pipe": ("assembly.layers=1", "mesh.around=12", "mesh.radial=1", "mesh.axial=2"),
+    "tsb1-pipe": coarse(1, 2),
     "thb0-pipe": ("assembly.layers=1", "mesh.edge=2", "mesh.radial=1"),
     "brick-stack": ("mesh.divisions=[2,1,1]", "assembly.columns=2", "assembly.layers=2"),
     "planar-sine": ("assembly.columns=1", "assembly.layers=1", "mesh.divisions=[12,2,2]"),

@@ -10,6 +10,7 @@ from pathlib import Path
 import jsonschema
 import pytest
 
+from tests.support.coarse_tubes import coarse
 from validation import InputError, load_case
 from validation.scene.families.sine import TubeScene
 from validation.scene.keys.schema import scene_schema
@@ -18,7 +19,7 @@ from validation.scene.read import check_scene
 README = (Path(__file__).parents[2] / "README.md").read_text("utf-8")
 SHORT = re.findall(r"```toml\n(.*?)```", README, flags=re.DOTALL)[0]
 #: The smallest tube; its own elements, as finer ones take a minute.
-SMALL = ("assembly.layers=1", "mesh.around=12", "mesh.radial=2", "mesh.axial=4")
+SMALL = coarse(2, 4)
 ONE_MESH = ("fem.mesh=scene", "fem.error_estimate=false")
 
 

@@ -10,11 +10,12 @@ import numpy as np
 import pytest
 
 from geometry import RefusedError
+from tests.support.coarse_tubes import coarse
 from tests.support.keys import leaves, other
 from validation import Case, builtin_names, load_case, solve, sweep
 from validation.scene.read import apply_overrides, scene_data
 
-COARSE = ("mesh.around=12", "mesh.radial=2", "mesh.axial=2", "assembly.layers=1")
+COARSE = coarse(2, 2)
 #: Keys that methods tell apart, each with a value that would matter where it acts.
 EVERYTHING = (
     *("effects.rayleigh.mass_proportional=2.0", "effects.bulk_viscosity={}"),
@@ -149,7 +150,7 @@ def test_a_study_of_what_matters_goes_on(tubelock) -> None:
 
 @pytest.mark.parametrize(
     ("name", "settings"),
-    [("tsb1-shaft", ("mesh.around=12", "mesh.radial=2", "mesh.axial=2", "assembly.layers=1"))],
+    [("tsb1-shaft", coarse(2, 2))],
 )
 def test_every_key_that_is_read_changes_the_rigid_answer(
     name: str, settings: tuple[str, ...]

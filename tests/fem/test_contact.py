@@ -15,30 +15,19 @@ from fem.contact.surfaces import (
     motion_derivatives,
 )
 from fem.system.build import DeformableAssemblyError, block_load_forces
-from geometry import SineBlock
 from geometry.assembly import moved, spacing_offsets
 from geometry.families.boxes import BrickStack
-from geometry.families.sine_block import SineBlockDivisions
-from geometry.families.tube import SineTube
 from geometry.loads import named_load
+from tests.support.coarse_tubes import ring
 from tests.support.fem_problems import deformable_assembly
 
 pytestmark = pytest.mark.quick
 
 CONCRETE = Material(density=2.4e-9, young_modulus=33e3, poisson_ratio=0.2)
-TSB1 = SineBlock(
-    height=200.0,
-    amplitude=20.0,
-    frequency=1.5,
-    shift=0.0,
-    blocks_per_layer=4,
-    inner_radius=120.0,
-    thickness=40.0,
-)
 
 
 def small_tube(layers=1):
-    return SineTube(TSB1, SineBlockDivisions(12, 2, 4), layers).build()
+    return ring(layers, (12, 2, 4))
 
 
 @pytest.fixture(scope="module")

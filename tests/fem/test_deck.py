@@ -17,13 +17,14 @@ from fem.decks.problem import problem_deck
 from fem.decks.read.cards import Card, read_cards
 from fem.decks.write import deck_lines
 from fem.system.effects import SAFETY_FACTOR
+from tests.support.coarse_tubes import coarse
 from tests.support.decks import exported
 from tests.support.fem_problems import loaded_nodes
 from validation import InputError, load_case
 
 pytestmark = pytest.mark.quick
 
-COARSE = ["mesh.around=12", "mesh.radial=2", "mesh.axial=2", "assembly.layers=2"]
+COARSE = list(coarse(2, 2, 2))
 SMALL = [word for setting in COARSE for word in ("--set", setting)]
 
 

@@ -21,6 +21,7 @@ from fem.decks.read.deck import deck_of_lines
 from fem.decks.write import deck_lines
 from fem.method import Explicit
 from fem.system.time_step import characteristic_time_step
+from tests.support.coarse_tubes import coarse
 from validation import load_case
 
 pytestmark = pytest.mark.quick
@@ -56,8 +57,7 @@ def test_neither_flavour_takes_it_for_the_exponential_law() -> None:
 
 
 def tube_deck(flavour: Flavour, *keys: str) -> Deck:
-    coarse = ["mesh.around=12", "mesh.radial=1", "mesh.axial=2", "assembly.layers=1"]
-    return problem_deck(load_case("tsb1-pipe", [*coarse, *keys]).problem, flavour)
+    return problem_deck(load_case("tsb1-pipe", [*coarse(1, 2), *keys]).problem, flavour)
 
 
 @given(lengths=st.lists(st.integers(1, 80), max_size=60))

@@ -14,6 +14,7 @@ from fem.decks.deck import Flavour
 from fem.decks.read.deck import deck_of_lines
 from fem.state import State
 from fem.static.solve import static_state
+from tests.support.coarse_tubes import keys
 from tests.support.commands import command
 from tests.support.decks import exported, written_again
 from tests.support.fem_problems import by_block, loaded_nodes
@@ -21,7 +22,7 @@ from validation import load_case
 
 pytestmark = pytest.mark.quick
 
-TUBE = {"mesh.around": 12, "mesh.radial": 1, "mesh.axial": 1, "assembly.layers": 1}
+TUBE = keys(1, 1)
 HEXAGONS = {"mesh.edge": 4, "mesh.radial": 1, "assembly.layers": 1}
 COARSE = {"mesh.divisions": 1}
 LOADS = ("beam", "pillar", "pipe", "shaft", "tunnel")

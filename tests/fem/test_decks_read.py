@@ -28,6 +28,7 @@ from geometry.errors import RefusedError
 from geometry.mesh import HEX_EDGES
 from geometry.parts.regions import region_nodes
 from tests.support.ccx import calculix_available, run_calculix
+from tests.support.coarse_tubes import coarse
 from tests.support.commands import command
 from tests.support.cubes_deck import CUBES, changed, changed_lines
 from tests.support.decks import exported, solved, written_again
@@ -37,7 +38,7 @@ from tests.verification.macneal_harder import beam_lines, solved_lines, tip_move
 
 pytestmark = pytest.mark.quick
 
-COARSE = ["mesh.around=12", "mesh.radial=2", "mesh.axial=2", "assembly.layers=2"]
+COARSE = list(coarse(2, 2, 2))
 
 
 def top_moves(deck: InputDeck) -> float:

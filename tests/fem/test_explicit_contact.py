@@ -12,17 +12,15 @@ from fem.explicit.damping import applied_forces
 from fem.explicit.setup.timed_system import timed_system
 from fem.explicit.start import prepare
 from fem.system.contact_state import corner_displacements
-from geometry.families.sine_block import SineBlockDivisions
-from geometry.families.tube import SineTube
 from geometry.loads import named_load
-from tests.support.blocks import tsb
+from tests.support.coarse_tubes import ring
 from tests.support.fem_problems import deformable_assembly, in_contact, matched_pressures, still
 
 CONCRETE = Material(density=2.4e-9, young_modulus=33e3, poisson_ratio=0.2)
 
 
 def tube(layers=1, case="pipe", **options):
-    found = SineTube(tsb(), SineBlockDivisions(12, 2, 4), layers).build()
+    found = ring(layers, (12, 2, 4))
     return deformable_assembly(found, named_load(case, 0.01).on(found), CONCRETE, **options)
 
 

@@ -15,9 +15,9 @@ from fem.system.body import ModelError
 from fem.system.effects import Effects
 from fem.system.sector import SymmetryError
 from fem.system.time_step import TimeStepError, critical_time_step
-from geometry import SineBlock, pipe, tube
 from geometry.loads import LineLoad
 from tests.support.answers import on_its_mesh
+from tests.support.coarse_tubes import coarse, pressed
 from tests.support.supports import ONE, TWO, A, X, Y, Z, case, pulled, roller
 from validation import load_case
 
@@ -130,7 +130,7 @@ def test_a_motion_in_no_time_is_rejected() -> None:
 @pytest.mark.parametrize("symmetry", ["sector", "none"])
 def test_a_sector_has_the_reactions_of_the_whole_ring(symmetry: str) -> None:
     """Of the ends, and of what both leave of the pressure together: none."""
-    small = ("assembly.layers=1", "mesh.around=12", "mesh.radial=1", "mesh.axial=2")
+    small = coarse(1, 2)
     short = ("fem.method=explicit", "fem.end_time=1e-5", "effects.elastic_frame=true")
     case = load_case("tsb1-pipe", [*small, *short, f"fem.symmetry={symmetry}"])
     found = on_its_mesh(case, method="explicit").details
@@ -143,12 +143,8 @@ def test_a_sector_has_the_reactions_of_the_whole_ring(symmetry: str) -> None:
 def test_blocks_that_move_across_the_axis_are_all_computed() -> None:
     """Loads of a tube are those of one block of four; a motion along x is not: with every symmetry
     that is exact the answer is that of all blocks, and a sector is none."""
-    block = SineBlock(
-        height=200, amplitude=20, frequency=1.5, blocks_per_layer=4, inner_radius=120, thickness=40
-    )
     motion = Motion(np.array([10.0, 0.0, 0.0]), np.zeros(3))
-    ring = tube(block, layers=1, mesh=(12, 1, 2))
-    problem = Problem(ring, pipe(0.01), concrete, motion=motion)
+    problem = pressed(motion=motion)
     alone = Explicit(ramp_time=5e-5, end_time=1e-4)
     found, whole = (
         solve_explicit(problem, replace(alone, symmetry=symmetry)).fields["displacement"]

@@ -42,12 +42,13 @@ from fem.explicit.timed import TimedSystem
 from fem.state import State
 from fem.static.linear_step.linearisation import StaticError
 from fem.static.solve import StaticOptions, static_state
-from geometry import Assembly, HeldFace, LoadCase, PressureLoad, box_block, pipe, tube
+from geometry import Assembly, HeldFace, LoadCase, PressureLoad, box_block, pipe
 from geometry.assembly import moved, renumbered
 from geometry.parts.placed import AnyBlocks
 from geometry.parts.regions import Plane
 from tests.support.assemblies import boxes
-from tests.support.blocks import random_rotation, tsb
+from tests.support.blocks import random_rotation
+from tests.support.coarse_tubes import ring
 from tests.support.fem_problems import still
 
 X, Y, Z = np.eye(3)
@@ -92,6 +93,7 @@ SOLVERS = {
     "matched": Solver(),
     "searched": Solver(stated={"finite_sliding": True}, crossing=True),
     "degree 2": Solver(stated={"degree": 2}),
+    "degree 3": Solver(stated={"degree": 3}),
     "degree 2, searched": Solver(stated={"degree": 2, "finite_sliding": True}, crossing=True),
     "friction": Solver(replace(STATIC, load_steps=1), {"friction": 0.3}),
     "own solids": Solver(stated={"divisions": 2}, solids=True),
@@ -102,6 +104,7 @@ RUNS = tuple(name for name, solver in SOLVERS.items() if solver.runs)
 #: Solvers of which no tube is asked, and why.
 NO_TUBE = {
     "own solids": "solids have no sectors: their meshes are no images of each other",
+    "degree 3": "half a wave on fewer elements: beside another solver in test_one_answer.py",
     "degree 2, searched": "up to 77 CPU s (2026-11-29); degree and search have all of it each",
 }
 
@@ -288,12 +291,6 @@ def test_friction_carries_what_leans_up_to_its_limit(name: str) -> None:
 # Tubes
 
 LOAD = 0.01
-
-
-@cache
-def ring(layers: int, mesh: tuple[int, int, int] = (12, 1, 2)) -> Assembly:
-    """A tube of the paper."""
-    return tube(tsb(), layers=layers, mesh=mesh)
 
 
 def under(load: float = LOAD, blocks: Assembly | None = None, **stated: Any) -> Problem:

@@ -26,14 +26,14 @@ from fem.decks.deck import Flavour
 from fem.decks.problem import problem_deck
 from fem.decks.write import write_deck_file
 from fem.static.solve import static_state
-from geometry import SineBlock, pipe, tube
+from geometry import pipe
 from geometry.block import box_block
 from geometry.families.boxes import ColumnBox, box_column
 from geometry.files.mesh_io import write_hex_mesh
 from geometry.loads import LoadCase, PressureLoad, TractionLoad
 from tests.support.ccx import calculix_available, run_calculix
+from tests.support.coarse_tubes import ring
 from tests.support.commands import command
-from tests.support.shapes import SHAPE
 from validation import load_case, solve
 
 SOFT = Material(density=1e-9, young_modulus=3_000.0, poisson_ratio=0.0)
@@ -131,7 +131,7 @@ def test_rigid_and_deformable_blocks_weigh_by_their_own_density() -> None:
 
 def test_a_sector_needs_the_same_materials_round_the_axis() -> None:
     """A layer of another material keeps the symmetry, a single block breaks it: answers agree."""
-    blocks = tube(SineBlock(**SHAPE), layers=2, mesh=(12, 1, 2))
+    blocks = ring(2, (12, 1, 2))
     steel = Material(density=7.85e-9, young_modulus=210_000.0, poisson_ratio=0.3)
     for inside, order in ((blocks.layer == 1, 4), (np.arange(blocks.n_blocks) == 5, 1)):
         problem = Problem(blocks, pipe(0.01), [steel if b else concrete for b in inside])

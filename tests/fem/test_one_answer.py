@@ -41,20 +41,21 @@ from geometry.families.hexagon_block import HexagonBlockDivisions, hexagon_block
 from geometry.meshing.charts import unit_lines
 from geometry.meshing.refinement import charts_of, with_lines
 from tests.support.answers import by_options
+from tests.support.coarse_tubes import coarse, ring
 from tests.support.commands import ANSWER_FILES
 from tests.support.lagrange_meshes import HEXAGON, WALL, sine
 from tests.support.shapes import SHAPE
 from validation import read_answer
 
-TUBE = tube(SineBlock(**SHAPE), layers=1, mesh=(12, 1, 2))
-TOWER = tube(SineBlock(**SHAPE), layers=2, mesh=(12, 1, 2))
+TUBE = ring(1, (12, 1, 2))
+TOWER = ring(2, (12, 1, 2))
 #: Half a turn takes facets between its layers onto themselves.
 IMAGES = tube(SineBlock(**SHAPE | {"frequency": 1}), layers=2, mesh=(6, 1, 2))
 FOUR = OsteomorphicWall(100.0, 40.0, 60.0, 8.0, divisions=(4, 2, 2), columns=2, layers=2).build()
 #: With fewer elements, for those of degree 3, which follow half a wave.
 FEWER = (
     (TUBE, tube(SineBlock(**SHAPE | {"frequency": 1}), layers=1, mesh=(6, 1, 1))),
-    (TOWER, tube(SineBlock(**SHAPE), layers=2, mesh=(12, 1, 1))),
+    (TOWER, ring(2, (12, 1, 1))),
     (
         FOUR,
         OsteomorphicWall(100.0, 40.0, 60.0, 8.0, divisions=(4, 2, 1), columns=2, layers=2).build(),
@@ -147,7 +148,7 @@ def test_a_block_is_condensed_on_no_point_too() -> None:
 # ---------------------------------------------------------------------------------------------
 # Commands
 
-MESH = ("assembly.layers=2", "mesh.around=12", "mesh.radial=1", "mesh.axial=4")
+MESH = coarse(1, 4, 2)
 Command = Callable[..., Any]
 
 

@@ -14,14 +14,12 @@ from fem import (
     Problem,
     Static,
     TabularLaw,
-    concrete,
     solve_explicit,
     solve_static,
 )
 from fem.contact.law import ContactLawError
 from fem.contact.own_law import OwnLaw
-from geometry import SineBlock, pipe, tube
-from tests.support.shapes import SHAPE
+from tests.support.coarse_tubes import pressed
 
 OVERCLOSURES = np.concatenate([[-1.0], np.linspace(-2e-3, 6e-3, 401)])
 
@@ -42,7 +40,7 @@ class Exponential:
 
 @pytest.fixture(scope="module")
 def problem() -> Problem:
-    return Problem(tube(SineBlock(**SHAPE), layers=1, mesh=(12, 1, 2)), pipe(0.01), concrete)
+    return pressed()
 
 
 def test_what_follows_from_two_methods_is_what_the_built_in_law_says() -> None:

@@ -19,7 +19,7 @@ from fem import (
 )
 from fem.decks.keywords import DeckError
 from fem.system.sector import largest_cyclic_orbits
-from geometry import SineBlock, shaft, tube
+from geometry import shaft
 from geometry.errors import RefusedError
 from geometry.parts.pairs import pair_values
 from mbd import contact_jacobian
@@ -27,6 +27,7 @@ from mbd.friction.equilibrium import collapse_load, frictional_contacts
 from mbd.limits.force_range import force_ranges
 from mbd.limits.sliding_collapse import sliding_collapse
 from mbd.options import FrictionLaw
+from tests.support.coarse_tubes import ring
 from tests.support.pushed_bricks import (
     EDGE,
     ROUGH,
@@ -36,14 +37,13 @@ from tests.support.pushed_bricks import (
     frictionless_answer,
     pushed,
 )
-from tests.support.shapes import SHAPE
 from validation import load_case, solve
 
 FRICTION = CoulombFriction(0.2, of_pairs=((0, 1, ROUGH), (2, 0, SMOOTH)))
 
 
 def test_a_sector_needs_the_same_friction_round_the_axis() -> None:
-    blocks = tube(SineBlock(**SHAPE), layers=2, mesh=(12, 1, 2))
+    blocks = ring(2, (12, 1, 2))
     m, s = blocks.interfaces.block_m, blocks.interfaces.block_s
     lower = {(int(a), int(b)) for a, b in zip(m, s, strict=True) if blocks.layer[[a, b]].max() == 1}
     for pairs, order in ((sorted(lower), 4), (sorted(lower)[:1], 1)):

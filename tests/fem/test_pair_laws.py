@@ -23,6 +23,7 @@ from fem.contact.law import ContactLaw
 from fem.decks.keywords import DeckError
 from fem.static.solve import static_state
 from fem.system.sector import largest_cyclic_orbits
+from tests.support.coarse_tubes import ring
 from tests.support.pushed_bricks import EDGE, PRESSURE, SCENE, STONE, frictionless_answer, pushed
 from validation import load_case
 
@@ -54,10 +55,9 @@ def test_laws_of_ones_own_are_taken_by_pairs() -> None:
 
 def test_a_sector_needs_the_same_laws_round_the_axis() -> None:
     from fem import concrete
-    from geometry import SineBlock, shaft, tube
-    from tests.support.shapes import SHAPE
+    from geometry import shaft
 
-    blocks = tube(SineBlock(**SHAPE), layers=2, mesh=(12, 1, 2))
+    blocks = ring(2, (12, 1, 2))
     m, s = blocks.interfaces.block_m, blocks.interfaces.block_s
     lower = {(int(a), int(b)) for a, b in zip(m, s, strict=True) if blocks.layer[[a, b]].max() == 1}
     for pairs, order in ((sorted(lower), 4), (sorted(lower)[:1], 1)):

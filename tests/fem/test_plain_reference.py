@@ -12,8 +12,9 @@ import numpy as np
 import pytest
 
 from fem import CoulombFriction, ElementType, Problem, Static, concrete, solve_static
-from geometry import HeldFace, LoadCase, PressureLoad, SineBlock, box_column, pipe, tube
+from geometry import HeldFace, LoadCase, PressureLoad, box_column, pipe
 from geometry.families.boxes import ColumnBox
+from tests.support.coarse_tubes import ring
 from tests.support.plain_statics import (
     PlainState,
     displacements,
@@ -22,9 +23,6 @@ from tests.support.plain_statics import (
     plain_searched,
 )
 
-BLOCK = SineBlock(
-    height=200, amplitude=20, frequency=1.5, blocks_per_layer=4, inner_radius=120, thickness=40
-)
 METHOD = Static(mesh="scene", error_estimate=False)
 AGREES = 1e-9
 STOPS = 1e-8
@@ -33,7 +31,7 @@ SEARCHED = 1e-6
 
 def _tube(degree: int, friction: float | None, layers: int = 1) -> Problem:
     mesh = (12, 2, 2) if degree == 1 else (12, 1, 1)
-    blocks = tube(BLOCK, layers=layers, mesh=mesh)
+    blocks = ring(layers, mesh)
     return Problem(
         blocks,
         pipe(0.01),

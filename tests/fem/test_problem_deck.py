@@ -12,28 +12,28 @@ from scipy.spatial.transform import Rotation
 from fem import Problem, TabularLaw, concrete, read_deck, write_deck
 from fem.decks.keywords import DeckError, label, safe_names
 from fem.static.solve import static_state
-from geometry import Assembly, SineBlock, pipe, tube
+from geometry import Assembly, pipe
 from geometry.block import box_block
 from geometry.loads import LoadCase, TractionLoad
 from geometry.parts.supports import HeldFace
 from tests.support.ccx import calculix_available, run_calculix
+from tests.support.coarse_tubes import coarse, pressed, ring
 from tests.support.decks import exported
 from tests.support.fem_problems import by_block
-from tests.support.shapes import SHAPE
 from validation import load_case
 
 
 @pytest.fixture(scope="module")
 def problem() -> Problem:
-    return Problem(tube(SineBlock(**SHAPE), layers=1, mesh=(12, 1, 2)), pipe(0.01), concrete)
+    return pressed()
 
 
 @pytest.mark.parametrize("program", ["abaqus", "abaqus-explicit", "calculix"])
 def test_decks_of_a_problem_are_those_of_its_scene(program: str, tmp_path: Path) -> None:
     """The scene's deck but for its heading, which names the scene."""
     flavours = {"abaqus": "standard", "abaqus-explicit": "general"}
-    sets = ("assembly.layers=1", "mesh.around=12", "mesh.radial=1", "mesh.axial=2")
-    mesh = tube(SineBlock(**SHAPE), layers=1, mesh=(12, 1, 2))
+    sets = coarse(1, 2)
+    mesh = ring(1, (12, 1, 2))
     settings, flavour = (*sets, "fem.method=static"), flavours.get(program, program)
     exported(tmp_path / "scene.inp", "tsb1-pipe", settings, flavour=flavour)
     write_deck(Problem(mesh, pipe(0.01), concrete), tmp_path / "case.inp", program=program)

@@ -19,12 +19,10 @@ from fem.explicit.solve import Status, StopCriterion, run_explicit
 from fem.static.solve import static_state
 from fem.system.effects import AdaptiveMassDamping, BulkViscosity, Effects, RayleighDamping
 from geometry.families.boxes import BrickStack, ColumnBox, box_column
-from geometry.families.sine_block import SineBlockDivisions
-from geometry.families.tube import SineTube
 from geometry.loads import LoadCase, face_pressure, named_load
 from geometry.parts.supports import HeldFace
 from tests.support.answers import on_its_mesh
-from tests.support.blocks import tsb
+from tests.support.coarse_tubes import coarse, ring
 from tests.support.fem_problems import deformable_assembly
 from validation import InputError, load_case
 
@@ -39,7 +37,7 @@ def column(law, *, layers=1, material=CONCRETE):
 
 
 def tube(**options):
-    found = SineTube(tsb(), SineBlockDivisions(12, 2, 4), 1).build()
+    found = ring(1, (12, 2, 4))
     return deformable_assembly(found, named_load("pipe", 0.01).on(found), CONCRETE, **options)
 
 
@@ -217,8 +215,7 @@ def test_elastic_frames_reach_the_static_state():
 def test_floating_blocks_are_named_by_an_explicit_run() -> None:
     """Blocks 0.05 mm apart touch on some sides only. A static run finds no equilibrium on this mesh
     and names the remedy, which has the answer."""
-    coarse = ["assembly.layers=1", "mesh.around=12", "mesh.radial=1", "mesh.axial=2"]
-    case = load_case("tsb1-pipe", [*coarse, "contact.spacing=0.05", "fem.mesh=scene"])
+    case = load_case("tsb1-pipe", [*coarse(1, 2), "contact.spacing=0.05", "fem.mesh=scene"])
     with pytest.raises(InputError, match=r"no equilibrium found .* use an explicit run"):
         on_its_mesh(case, method="static")
     explicit = on_its_mesh(case, method="explicit")

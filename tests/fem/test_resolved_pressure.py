@@ -12,9 +12,10 @@ from fem.answer.pressures import contact_measures
 from fem.contact.facet_peaks import LARGEST_FACTOR, facet_peaks
 from geometry import Answer, Measure
 from tests.support.answers import on_its_mesh
+from tests.support.coarse_tubes import coarse
 from validation import load_case
 
-COARSE = ["assembly.layers=1", "mesh.around=12", "mesh.radial=2", "mesh.axial=4"]
+COARSE = list(coarse(2, 4))
 
 
 def coarse_tube(clearance: float) -> Answer:

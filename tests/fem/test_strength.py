@@ -14,13 +14,14 @@ import pytest
 from fem import Material, Problem, Static, concrete, solve_static
 from fem.accuracy.strength import _BoundError, _scaled_until, strength_factors
 from fem.answer.measures import measures_of
-from geometry import ColumnBox, Measure, RefusedError, SineBlock, box_column, pipe, tube
+from geometry import ColumnBox, Measure, RefusedError, box_column, pipe
 from geometry.answer import measure_rows
 from geometry.loads import face_pressure
 from geometry.machine.work import LimitError
 from tests.fixtures.commands import small_meshes
+from tests.support.coarse_tubes import coarse, ring
 
-TUBE = ("assembly.layers=1", "mesh.around=12", "mesh.radial=2", "mesh.axial=2")
+TUBE = coarse(2, 2)
 
 
 def pressed(pressure: float, **strengths: float) -> Problem:
@@ -87,10 +88,7 @@ def test_the_scaled_load_reaches_the_strength() -> None:
 
     The last secant leaves out the curvature, at most about the square of 0.03.
     """
-    block = SineBlock(
-        height=200, amplitude=20, frequency=1.5, blocks_per_layer=4, inner_radius=120, thickness=40
-    )
-    blocks = tube(block, layers=1, mesh=(12, 2, 2))
+    blocks = ring(1, (12, 2, 2))
     material = replace(concrete, tensile_strength=1.0)
     found = solve_static(
         Problem(blocks, pipe(0.01), material), Static(mesh="scene", error_estimate=False)
@@ -140,10 +138,7 @@ def test_the_limit_that_is_reached_first_is_named_first() -> None:
 @pytest.mark.slow
 def test_the_bar_of_a_factor_is_that_of_the_stress_at_the_factor() -> None:
     """A run at the factor has another relative bar: contact is stiffer there."""
-    block = SineBlock(
-        height=200, amplitude=20, frequency=1.5, blocks_per_layer=4, inner_radius=120, thickness=40
-    )
-    blocks = tube(block, layers=1, mesh=(12, 2, 4))
+    blocks = ring(1, (12, 2, 4))
     material = replace(concrete, tensile_strength=3.0)
     with small_meshes():
         factor = solve_static(Problem(blocks, pipe(0.01), material))["cracking_factor"]

@@ -15,6 +15,7 @@ from geometry.files.hexahedral_solids import with_hexahedra
 from geometry.parts.dimensions import dimensions
 from geometry.parts.walls import least_wall
 from geometry.polyhedra.polyhedron import Polyhedron
+from tests.support.coarse_tubes import coarse
 
 AROUND = 48
 
@@ -98,7 +99,7 @@ def test_faces_that_meet_at_an_edge_are_no_wall(angle: float) -> None:
 
 
 def test_limits_are_compared_and_counted(tubelock) -> None:
-    small = ("assembly.layers=1", "mesh.around=12", "mesh.radial=1", "mesh.axial=2")
+    small = coarse(1, 2)
     words = [w for s in (*small, "limits.least_wall=50") for w in ("--set", s)]
     status, out, _ = tubelock("mbd", "tsb1-pipe", *words)
     assert status == 0

@@ -30,6 +30,7 @@ from geometry import (
 )
 from geometry.loads import CASES, NamedLoad
 from geometry.parts.placed import PlacedBlocks
+from tests.support.coarse_tubes import coarse
 from tests.support.commands import command
 from validation import builtin_names, load_case
 
@@ -156,7 +157,7 @@ def test_a_load_case_is_one_record(monkeypatch: pytest.MonkeyPatch) -> None:
         blocks=lambda assembly, _: assembly.free_blocks[::2],
     )
     monkeypatch.setitem(CASES, "stripes", stripes)
-    small = ["mesh.around=12", "mesh.radial=1", "mesh.axial=2", "assembly.layers=1"]
+    small = list(coarse(1, 2))
     file = load_case("tsb1-pipe", ["load.case=stripes", *small])
     (load,) = problem_deck(file.problem, Flavour.GENERAL).problem.load_case.faces
     assert isinstance(load, PressureLoad)

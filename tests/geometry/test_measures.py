@@ -10,6 +10,7 @@ import pytest
 from geometry.answer import title_of
 from geometry.parts.measures import Resultants, SectionError, block_measures, measures, planes
 from geometry.polyhedra.facet_contact import PatchContacts
+from tests.support.coarse_tubes import keys
 from validation import load_case, solve
 
 pytestmark = pytest.mark.quick
@@ -163,7 +164,7 @@ def test_planes_take_normals_of_any_length_and_one_for_all() -> None:
 
 def test_measures_have_the_units_of_their_table() -> None:
     """Of rigid and of deformable blocks."""
-    tube = {"assembly.layers": 1, "mesh.around": 12, "mesh.radial": 2, "mesh.axial": 2}
+    tube = keys(2, 2)
     answers = [
         solve(load_case("tsb1-pipe", tube | {"fem.mesh": "scene"})),
         solve(load_case("tsb1-pipe", tube, method="rigid")),

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from tests.support.answers import on_its_mesh
+from tests.support.coarse_tubes import coarse
 from tests.support.own_blocks import column
 from validation.output.pictures.tubes import STRESSES, extreme, run_facets
 
@@ -26,7 +27,7 @@ def test_joints_are_drawn_in_pieces_of_a_uniform_pressure(degree: int) -> None:
 
 
 def test_stresses_below_a_picture_are_those_of_the_block_that_the_table_names() -> None:
-    small = ["mesh.around=12", "mesh.radial=1", "mesh.axial=4", "assembly.layers=1"]
+    small = list(coarse(1, 4))
     run = on_its_mesh("tsb1-pipe", small, method="static")
     blocks = run.details.deformable
     for stress in STRESSES:

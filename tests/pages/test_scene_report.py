@@ -10,11 +10,12 @@ from html import unescape
 import pytest
 
 from geometry import Measure
+from tests.support.coarse_tubes import keys
 from validation import InputError, load_case, report, solve
 from validation.pages.report import report_scene
 from validation.pages.verdicts import BAD, GOOD, OPEN, strength_verdict
 
-COARSE = {"assembly.layers": 1, "mesh.around": 12, "mesh.radial": 2, "mesh.axial": 2}
+COARSE = keys(2, 2)
 SETTINGS = [f"{key}={value}" for key, value in COARSE.items()]
 #: Two cubes, one on the other: groups of an OBJ file.
 CUBES = "".join(

@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 
 from geometry import Answer
 from tests.support.answers import on_its_mesh
+from tests.support.coarse_tubes import coarse
 from tests.support.commands import command
 from validation import Case, InputError, compare, load_case
 from validation.study.comparison.scene import compared_runs
@@ -23,7 +24,7 @@ from validation.study.effects.switches import effects_of, has_effect
 
 #: Finer than the probe's 12 × 2 × 4 elements, and still quick.
 MESH = ["assembly.layers=2", "mesh.around=24", "mesh.radial=2", "mesh.axial=6"]
-COARSE = ["assembly.layers=2", "mesh.around=12", "mesh.radial=2", "mesh.axial=4"]
+COARSE = list(coarse(2, 4, 2))
 #: A gap of ten nanometres is meant: it is an effect too small to matter.
 ACCEPTED = "plausibility.accept=['contact.clearance']"
 

@@ -7,10 +7,11 @@ from pathlib import Path
 
 import pytest
 
+from tests.support.coarse_tubes import coarse
 from validation import InputError, load_case
 from validation.study.effects.costs import effect_costs, ready, take_steps, to_rest
 
-TINY = ["assembly.layers=1", "mesh.around=12", "mesh.radial=1", "mesh.axial=2"]
+TINY = list(coarse(1, 2))
 EFFECTS = [
     "effects.friction.coefficient=0.5",
     "effects.rayleigh.stiffness_proportional=1e-8",

@@ -4,16 +4,14 @@ from __future__ import annotations
 
 import pytest
 
+from tests.support.coarse_tubes import keys
 from tests.support.commands import command
 from validation import load_case, solve, sweep
 
 pytestmark = pytest.mark.quick
 
 SETTINGS = {
-    "assembly.layers": 1,
-    "mesh.around": 12,
-    "mesh.radial": 1,
-    "mesh.axial": 2,
+    **keys(1, 2),
     "fem.mesh": "scene",
     "fem.error_estimate": False,
 }

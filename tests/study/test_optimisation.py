@@ -11,6 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from tests.support.coarse_tubes import keys
 from validation import InputError, optimise, sensitivity, sweep
 from validation.study.optimisation.search import Search, worst_of
 from validation.study.optimisation.sensitivity import _roughness, _with_error
@@ -18,12 +19,7 @@ from validation.study.optimisation.statement import check_optimisation
 
 pytestmark = pytest.mark.quick
 
-COARSE = {
-    "assembly.layers": 1,
-    "mesh.around": 12,
-    "mesh.radial": 2,
-    "mesh.axial": 2,
-}
+COARSE = keys(2, 2)
 VARIABLES: dict[str, Any] = {
     "block.amplitude": [10.0, 20.0],
     "block.blocks_per_layer": [3, 4, 5],

@@ -25,6 +25,7 @@ import pytest
 import validation
 from tests.study.designs import WALLS, Here, content
 from tests.support import endless
+from tests.support.coarse_tubes import keys
 from tests.support.commands import command
 from validation import InputError, load_case
 from validation.study.design import DesignRow
@@ -211,7 +212,7 @@ def test_exports_hold_the_same_rows(walls, reference, tmp_path) -> None:
 # ---------------------------------------------------------------------------------------------
 # Deformable designs
 
-COARSE = {"assembly.layers": 1, "mesh.around": 12, "mesh.radial": 2, "mesh.axial": 2}
+COARSE = keys(2, 2)
 
 
 def deformable(**changes: object) -> Study:

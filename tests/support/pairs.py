@@ -28,7 +28,6 @@ from geometry import (
     HeldFace,
     LoadCase,
     PressureLoad,
-    SineBlock,
     convex_polyhedron,
     tube,
 )
@@ -39,12 +38,11 @@ from geometry.loads import TractionLoad
 from geometry.parts.placed import AnyBlocks
 from geometry.parts.regions import Plane, Where
 from mbd import Rigid, analyse
+from tests.support.blocks import tsb
 
 X, Y, Z = np.eye(3)
 _EDGE = 40.0
-_BLOCK = SineBlock(
-    height=200, amplitude=20, frequency=1.5, blocks_per_layer=4, inner_radius=120, thickness=40
-)
+_BLOCK = tsb()
 _MESH = (12, 1, 2)
 
 

@@ -8,30 +8,18 @@ from fem import (
     LinearPenalty,
     Material,
 )
-from geometry import Assembly, SineBlock
+from geometry import Assembly
 from geometry.block import Block, box_block
-from geometry.families.sine_block import SineBlockDivisions
-from geometry.families.tube import SineTube
 from geometry.loads import LoadCase, PressureLoad, TractionLoad, named_load
 from geometry.mesh import HexMesh
+from tests.support.coarse_tubes import ring
 from tests.support.fem_problems import deformable_assembly
 
 CONCRETE = Material(density=2.4e-9, young_modulus=33e3, poisson_ratio=0.2)
 
 
-TSB1 = SineBlock(
-    height=200.0,
-    amplitude=20.0,
-    frequency=1.5,
-    shift=0.0,
-    blocks_per_layer=4,
-    inner_radius=120.0,
-    thickness=40.0,
-)
-
-
 def tube(layers=1, divisions=(12, 2, 4)):
-    return SineTube(TSB1, SineBlockDivisions(*divisions), layers).build()
+    return ring(layers, divisions)
 
 
 def pipe(layers=1, divisions=(12, 2, 4), case="pipe", **options):

@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 from fem import Material
-from geometry.families.sine_block import SineBlockDivisions
-from geometry.families.tube import SineTube
 from geometry.loads import named_load
-from tests.support.blocks import tsb
+from tests.support.coarse_tubes import ring
 from tests.support.fem_problems import deformable_assembly
 
 CONCRETE = Material(density=2.4e-9, young_modulus=33e3, poisson_ratio=0.2)
 
 
 def tube(**options):
-    found = SineTube(tsb(), SineBlockDivisions(12, 2, 4), 1).build()
+    found = ring(1, (12, 2, 4))
     return deformable_assembly(found, named_load("pipe", 0.01).on(found), CONCRETE, **options)

@@ -17,8 +17,8 @@ import pytest
 from fem import Static, solve_static
 from fem.answer.measures import load_step_change
 from tests.support.answers import on_its_mesh
+from tests.support.coarse_tubes import tube
 from tests.verification.error_problems import PRESSED, exact_push, pushed_box
-from validation import load_case
 
 #: Measures that are compared, and what the table calls them.
 MEASURES = {"p_max": "p_max", "p_eff": "p_eff", "max_displacement": "u"}
@@ -46,11 +46,9 @@ CASES = (
 
 def solved(load, friction, gap):
     """Static straight up, explicit, and static past the load and back; CPU seconds of each."""
-    coarse = ("assembly.layers=1", "mesh.around=12", "mesh.radial=2", "mesh.axial=4")
     law = (f"effects.friction.coefficient={friction}", f"contact.clearance={gap}")
     static, explicit = (
-        load_case(f"tsb1-{load}", [*coarse, *law, f"fem.method='{method}'"])
-        for method in ("static", "explicit")
+        tube(f"tsb1-{load}", *law, f"fem.method='{method}'") for method in ("static", "explicit")
     )
     past = static.changed({"load.pressure": PAST * static.scene.load.pressure}).problem
     seconds, runs = [time.process_time()], []

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from tests.support.coarse_tubes import coarse
 from tests.verification.evidence import (
     CoarseEvidence,
     coarse_evidence,
@@ -110,7 +111,7 @@ def test_every_printed_number_has_its_row_and_both_readings(tmp_path) -> None:
 
 def test_tubes_that_are_built_once_give_the_results_of_each_scene() -> None:
     tubes = SharedTubes()
-    mesh = ["mesh.around=12", "mesh.radial=2", "mesh.axial=4", "assembly.layers=2"]
+    mesh = list(coarse(2, 4, 2))
     for scene, more in (("tsb1-pipe", []), ("tsb1-shaft", []), ("tsb1-pipe", ["block.shift=0.5"])):
         file = load_case(scene, [*mesh, *more])
         shared, alone = tubes.solve(scene, *mesh, *more), solve(file.with_method("rigid"))
