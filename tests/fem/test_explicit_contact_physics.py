@@ -39,7 +39,7 @@ def bounce(time_step):
         end_time=6e-3,
         time_step=time_step,
         velocities=falling(deformable, 10.0),
-        sample_interval=1,
+        sample_interval=10,
     )
 
 

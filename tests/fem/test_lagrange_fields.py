@@ -7,13 +7,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 import pyvista as pv
-from scipy.spatial import cKDTree
 
 from fem.accuracy.transfer import interpolation
 from fem.element.lagrange import Lagrange
 from fem.element.lagrange_mesh import LagrangeMesh, with_degree
 from fem.static.linear_step.grid_block import windows
-from fem.static.solve import StaticOptions
 from fem.stresses import ball_averages
 from fem.stresses.ball_averages import _Cells, _tension, averaged_tension
 from fem.stresses.recovery import MovedBodies, cells_of, grid_places
@@ -22,9 +20,8 @@ from geometry.files.mesh_io import write_lagrange_cells
 from geometry.mesh import FloatArray
 from geometry.meshing.charts import Places
 from geometry.meshing.refinement import charts_of
-from tests.support.answers import by_options
 from tests.support.blocks import random_rotation
-from tests.support.curved_blocks import CONCRETE, block, curved
+from tests.support.curved_blocks import CONCRETE, block
 
 GRADIENT = 1e-4 * np.array([[1.0, 0.3, -0.2], [0.1, -0.5, 0.4], [0.0, 0.2, 0.7]])
 
@@ -142,40 +139,6 @@ def test_a_bar_in_tension_is_looked_at_closely_at_some_places(
     stress = CONCRETE.lame_modulus * 1e-4 * np.eye(3) + 2.0 * CONCRETE.shear_modulus * strain
     assert found.value == pytest.approx(stress[0, 0], rel=1e-9)
     assert largest.value == pytest.approx(stress[0, 0], rel=1e-9)
-
-
-def test_the_upper_layer_is_the_lower_one_turned() -> None:
-    """A turn by π about a radius maps the tube of two layers, whose waves are odd, onto itself.
-
-    Both are computed; the same states up to the residual of Newton's method, 1e-9 of u.
-    """
-    options = StaticOptions(tolerance=1e-10)
-    found = by_options(curved(2, 2), options)
-    points, layer, u = found.points, found.layer_of_point, found.fields["displacement"]
-    lower, upper = np.flatnonzero(layer == 1), np.flatnonzero(layer == 2)
-    middle = 0.5 * (points[lower, 2].mean() + points[upper, 2].mean())
-    tree = cKDTree(points[upper])
-    for angle in np.pi / 48.0 * np.arange(48):
-        axis = np.array([np.cos(angle), np.sin(angle), 0.0])
-        turn = 2.0 * np.outer(axis, axis) - np.eye(3)
-        images = (points[lower] - [0.0, 0.0, middle]) @ turn.T + [0.0, 0.0, middle]
-        away, where = tree.query(images)
-        same_joints = np.array_equal(_shared(points[lower]), _shared(points[upper])[where])
-        if away.max() < 1e-9 and same_joints:
-            break
-    assert away.max() < 1e-9
-    assert same_joints
-    # Blocks share places, not nodes: those that meet at a place have each its own displacement.
-    inside = ~_shared(points[lower])
-    turned = u[lower] @ turn.T
-    difference = np.abs(turned - u[upper][where])[inside]
-    assert inside.sum() > 0.5 * len(lower)
-    assert difference.max() < 1e-6 * np.abs(u).max()
-
-
-def _shared(points: np.ndarray) -> np.ndarray:
-    """Points at whose place another one is."""
-    return cKDTree(points).query(points, k=2)[0][:, 1] < 1e-9
 
 
 @pytest.mark.parametrize("degree", [2, 3])

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 from fem import (
-    CoulombFriction,
     Explicit,
     LinearPenalty,
     Material,
@@ -25,7 +24,6 @@ from fem.element.lagrange_mesh import LagrangeMesh, in_pieces, with_degree
 from fem.problem import ProblemError
 from fem.static.solve import StaticMethod, StaticOptions
 from fem.system.body import placed_body
-from fem.system.contact_state import corner_displacements
 from fem.system.forces import pressure_forces
 from geometry.block import Block
 from geometry.families.boxes import ColumnBox, box_column
@@ -43,7 +41,7 @@ from tests.support.fem_problems import (
     distorted_box,
     static_displacement,
 )
-from tests.support.lagrange_meshes import CURVED, HEXAGON, relative, sine
+from tests.support.lagrange_meshes import CURVED, HEXAGON, sine
 from validation import load_case
 
 
@@ -158,52 +156,6 @@ def column(degree: int, **more: object) -> Problem:
     return Problem(boxes, load, BAR, degree=degree, law=law, **more)  # type: ignore[arg-type]
 
 
-@pytest.mark.parametrize("degree", [1, 2, 3, 4])
-def test_a_column_under_uniform_pressure_is_exact(degree: int) -> None:
-    """σ = -p; joints close their gap and give way by p / k; the top moves by all of it.
-
-    Forces that the iteration leaves are 1e-12 of the load, a node's share of it is a hundredth.
-    """
-    problem, options = column(degree, clearance=0.01), StaticOptions(tolerance=1e-12)
-    answer = by_options(problem, options)
-    found = answer.details
-    top = found.deformable.deformable_blocks[-1]
-    u = found.displacements[0][found.deformable.copy_of[top]]
-    height = found.deformable.body_of(int(top)).mesh.nodes[:, 2]
-    each = 0.01 + 2.0 / STIFFNESS + 2.0 * 50.0 / BAR.young_modulus
-    expected = -2.0 * each + 2.0 * (50.0 - height) / BAR.young_modulus
-    np.testing.assert_allclose(u[:, 2], expected, rtol=1e-9)
-    np.testing.assert_allclose(answer.contacts["pressure"], 2.0, rtol=1e-9)
-    np.testing.assert_allclose(answer.fields["principal_stress"][:, 2], -2.0, rtol=1e-8)
-
-
-@pytest.mark.parametrize("degree", [1, 2, 3])
-def test_friction_carries_what_equilibrium_asks(degree: int) -> None:
-    """A column pulled aside by its weight sticks: a joint slips by force over area and stiffness.
-
-    Equilibrium of what lies above a joint: ∫ k s dA = m g whatever the deformation.
-    """
-    sideways = 2e5
-    stick = CoulombFriction(0.9, stick_stiffness=50.0)
-    problem = column(degree, friction=stick, gravity=[sideways, 0.0, 0.0])
-    options = StaticOptions(load_steps=1, tolerance=1e-10)
-    found = by_options(problem, options).details
-    surfaces = found.deformable.surfaces
-    on_m, on_s = np.split(corner_displacements(found.deformable, found.displacements), 2, axis=1)
-    jump = np.einsum("pa,fai->fpi", surfaces.basis.values, on_s - on_m)
-    above = np.where(surfaces.block_m == 0, 2.0, 1.0)  # boxes on each joint
-    carried = np.array(
-        [
-            stick.stick_stiffness
-            * float((surfaces.weights * jump[:, :, 0])[surfaces.block_m == m].sum())
-            for m in (0, 1)
-        ]
-    )
-    assert set(above) == {1.0, 2.0}
-    mass = 100.0 * 80.0 * 50.0 * BAR.density
-    np.testing.assert_allclose(carried, np.array([2.0, 1.0]) * mass * sideways, rtol=1e-6)
-
-
 def stated(name: str, *settings: str) -> Problem:
     return load_case(name, ("fem.method='static'", *settings)).problem
 
@@ -223,24 +175,6 @@ def test_solvers_agree_on_a_pressure_that_is_not_resolved() -> None:
     assert not peak.resolved
     assert not same.resolved
     assert peak.value == contact_measures(found).p_max_point
-
-
-@pytest.mark.parametrize("friction", [None, 0.3])
-def test_sector_and_sparse_oracle_agree(friction: float | None) -> None:
-    """One block of each layer stands for all, and one sparse matrix finds the same state."""
-    coarse = ("block.frequency=1", "mesh.around=6", "mesh.radial=1", "mesh.axial=2")
-    problem = replace(stated("tsb1-shaft", *coarse, "assembly.layers=1"), degree=2)
-    problem = replace(problem, friction=friction)
-    steps = 2 if friction is None else 1
-    found = solve_static(problem, Static(load_steps=steps, error_estimate=False))
-    assert found.report["symmetry"] == 4
-    options = [StaticOptions(load_steps=steps, symmetry=1)]
-    if friction is None:
-        options.append(StaticOptions(load_steps=steps, method=StaticMethod.SPARSE))
-    for each in options:
-        other = by_options(problem, each)
-        assert relative(other.fields["displacement"], found.fields["displacement"]) < 1e-5
-        assert relative(other.contacts["pressure"], found.contacts["pressure"]) < 1e-5
 
 
 FAMILIES = {

@@ -7,7 +7,7 @@ import json
 import pickle
 from collections.abc import Iterator, Mapping
 from dataclasses import fields, is_dataclass, replace
-from functools import cached_property, partial
+from functools import cached_property
 
 import numpy as np
 import pytest
@@ -24,7 +24,6 @@ from geometry import (
     Answer,
     Assembly,
     HexagonBlock,
-    SineBlock,
     beam,
     contact_mesh,
     pillar,
@@ -39,13 +38,13 @@ from geometry.loads import LoadCase, PressureLoad, face_pressure
 from geometry.parts.placed import AssemblyError
 from mbd import Rigid, analyse
 from tests.support.answers import on_its_mesh
-from tests.support.shapes import SHAPE
+from tests.support.coarse_tubes import coarse, pressed
 from validation import load_case
 
 
 @pytest.fixture(scope="module")
 def problem() -> Problem:
-    return Problem(tube(SineBlock(**SHAPE), layers=1, mesh=(12, 2, 2)), pipe(0.01), concrete)
+    return pressed(1, (12, 2, 2))
 
 
 @pytest.fixture(scope="module")
@@ -193,7 +192,7 @@ def test_meshes_carry_the_arrays(problem, static) -> None:
 def test_three_answers_are_those_of_the_scene(problem, static) -> None:
     """The scene states the same problem: the same bits. Explicit comes to a residual of 1e-4, and
     pressures follow forces with a gain of some ten."""
-    settings = ("assembly.layers=1", "mesh.around=12", "mesh.radial=2", "mesh.axial=2")
+    settings = coarse(2, 2)
     case = load_case("tsb1-pipe", settings)
     run = on_its_mesh(case, method="static")
     pressures = static.contacts["pressure"]
@@ -262,19 +261,6 @@ def test_measures_over_the_facets_of_another_mesh(problem, static) -> None:
     assert answer["p_max"].error is None
     assert np.array_equal(answer.contacts["pressure"], static.contacts["pressure"])
     assert np.array_equal(answer.contacts["side"], static.contacts["side"])
-
-
-def test_all_three_carry_the_weight(problem) -> None:
-    """Gravity stated once moves all answers; the rigid one by the weight of the free blocks."""
-    heavy = replace(problem, gravity=(0.0, 0.0, -9.81e5))
-    on_its_mesh = partial(solve_static, method=Static(mesh="scene", error_estimate=False))
-    weight = heavy.rigid_weight
-    mass = concrete.density * problem.blocks.volumes
-    assert np.allclose(weight[:, 2], -9.81e5 * mass * heavy.deforming, rtol=1e-14)
-    for solve in (on_its_mesh, solve_explicit):
-        light, loaded = solve(problem), solve(heavy)
-        moved = [answer.fields["displacement"][:, 2].mean() for answer in (loaded, light)]
-        assert moved[0] < moved[1] - 1e-4
 
 
 def test_damping_is_a_matter_of_the_run(problem) -> None:

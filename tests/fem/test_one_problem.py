@@ -9,18 +9,16 @@ from fem import ExponentialLaw, Frames, Material
 from fem.decks.deck import Flavour
 from fem.decks.laws import law_table
 from fem.decks.problem import problem_deck
-from fem.explicit.setup.timed_system import state_of, timed_system
-from fem.explicit.solve import StopCriterion
-from fem.explicit.solve import run_explicit as solve_model
-from fem.static.solve import static_state
-from fem.system.effects import AdaptiveMassDamping, EffectError, Effects
+from fem.explicit.setup.timed_system import timed_system
+from fem.system.effects import EffectError, Effects
 from fem.system.system import System
 from geometry import ColumnBox, RefusedError, box_column
 from geometry.loads import face_pressure
+from tests.support.coarse_tubes import coarse
 from tests.support.fem_problems import deformable_assembly
 from validation import InputError, load_case, solve
 
-COARSE = ("mesh.around=12", "mesh.radial=2", "mesh.axial=2", "assembly.layers=2")
+COARSE = coarse(2, 2, 2)
 CONCRETE = Material(density=2.4e-9, young_modulus=33_000.0, poisson_ratio=0.2)
 GRAVITY = np.array([0.0, 0.0, -9810.0])
 
@@ -66,23 +64,6 @@ def weighing_column() -> System:
     boxes = box_column([ColumnBox((40.0, 40.0, 60.0), (2, 2, 2))] * 2)
     load = face_pressure(boxes, np.array([1]), "z+", 1e-4)
     return deformable_assembly(boxes, load, CONCRETE, frames=Frames.DEFORMABLE, gravity=GRAVITY)
-
-
-def test_gravity_of_the_assembly_reaches_an_explicit_run() -> None:
-    """Static and explicit carry the same weight: the joint bears the upper box and the pressure.
-
-    The static state is reached to a residual of 1e-6 of the forces.
-    """
-    column = weighing_column()
-    effects = Effects(adaptive_mass_damping=AdaptiveMassDamping())
-    stated = timed_system(column, effects=effects)
-    stop = StopCriterion(residual=1e-6, not_before=stated.ramp_time)
-    explicit = solve_model(stated, end_time=4 * stated.end_time, stop=stop)
-    dynamic = state_of(explicit).contact_state
-    static = static_state(column).contact_state
-    bears = 40.0**2 * (1e-4 + CONCRETE.density * 9810.0 * 60.0)
-    for state in (static, dynamic):
-        assert state.pressures @ state.areas == pytest.approx(bears, rel=1e-5)
 
 
 def test_gravity_is_stated_once() -> None:

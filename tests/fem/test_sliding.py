@@ -20,6 +20,7 @@ from geometry import ColumnBox, RefusedError, box_block, box_column
 from geometry.files.mesh_io import write_hex_mesh
 from geometry.loads import face_pressure
 from tests.support.answers import on_its_mesh
+from tests.support.coarse_tubes import coarse, keys
 from tests.support.fem_problems import deformable_assembly, in_contact
 from tests.support.own_blocks import SECTIONS
 from tests.support.printed import printed
@@ -54,24 +55,6 @@ def test_one_facet_in_the_middle_of_four() -> None:
     areas = [found.point_areas[quarter == k].sum() for k in (-3.0, -1.0, 1.0, 3.0)]
     assert areas == pytest.approx([500.0] * 4, rel=1e-12)
     assert found.point_forces.sum(axis=0) == pytest.approx([0.0, 0.0, 1000.0], abs=1e-3)
-
-
-def test_forces_and_moments_of_a_smaller_box_that_crosses_facets() -> None:
-    """A box of 60 × 40 mm² over facets of 33 × 27 mm²: each joint passes on the load's force,
-    centred, the upper joint on the area of the box alone, to the residual of 1e-8."""
-    boxes = ((WIDE, (4, 4, 2)), (WIDE, (3, 3, 2)), ((60.0, 40.0, 50.0), (5, 3, 2)))
-    run = on_its_mesh(column(*boxes, poisson=0.2), method="explicit")
-    found = run.details.contact_state
-    load = 0.5 * 2400.0
-    for joint, area in (((0, 1), 8000.0), ((1, 2), 2400.0)):
-        points = found.joint(*joint)
-        # Whichever of the two is master: force on the upper one.
-        upward = np.where(found.block_s[found.facet[points]] == joint[1], 1.0, -1.0)
-        forces = upward[:, None] * found.point_forces[points]
-        moment = np.cross(found.positions[points], forces).sum(axis=0)
-        assert found.point_areas[points].sum() == pytest.approx(area, rel=1e-9)
-        assert forces.sum(axis=0) == pytest.approx([0.0, 0.0, load], abs=1e-6 * load)
-        assert moment == pytest.approx(0.0, abs=1e-6 * load * 50.0)
 
 
 @pytest.mark.usefixtures("undrawn")
@@ -151,7 +134,7 @@ def test_frequencies_are_those_of_the_facets_that_face_each_other() -> None:
     """Points and normals of flat joints are the same, to rounding, whether facets are matched or
     searched; a joint that does not match has as much area. Facets of a tube are warped: a search
     spreads their area over the points by its projection, a square of the warp of 1e-2 apart."""
-    small = ("assembly.layers=1", "mesh.around=12", "mesh.radial=2", "mesh.axial=4")
+    small = coarse(2, 4)
     tube = load_case("tsb1-pipe", small)
     alike = column(*[(WIDE, (4, 4, 2))] * 3)
     for case, rel in ((alike, 1e-9), (tube, 1e-3)):
@@ -311,7 +294,7 @@ def test_blocks_that_nothing_determines_and_large_motions_are_named(
 ) -> None:
     """A ring of four blocks whose gaps close under pressure, on four points each: fewer than six
     contacts without friction hold no block, whichever way contact is found."""
-    mesh = {"mesh.around": 12, "mesh.radial": 1, "mesh.axial": 2, "assembly.layers": 1}
+    mesh = keys(1, 2)
     contact = {"contact.clearance": clearance, "effects.finite_sliding": sliding}
     case = load_case("tsb1-pipe", mesh | contact)
     run = on_its_mesh(case, method="static")
@@ -326,7 +309,7 @@ def test_contact_forces_of_blocks_that_move_away_end() -> None:
     """They grew until squares of displacements overflowed. Blocks go through the gap of 5 mm until
     their neighbours stop them; what iteration leaves is in balance, and the answer says how far
     they went."""
-    mesh = {"mesh.around": 12, "mesh.radial": 1, "mesh.axial": 2, "assembly.layers": 1}
+    mesh = keys(1, 2)
     case = load_case("tsb1-pipe", mesh | {"contact.clearance": 5.0, "fem.degree": 3})
     found = on_its_mesh(case, method="static").as_dict()
     assert found["residual"] < 1e-8

@@ -19,16 +19,12 @@ from tests.support.lone_bodies import fixed_nodes
 from tests.support.searched_stack import SIZE, STIFF, stack
 
 
-@pytest.mark.parametrize("degree", [2, 3])
-def test_higher_degrees_pass_uniform_stress_as_well(degree):
-    """Exactly where edges are parallel. Nodes moved aside by an eighth of an edge make facets whose
-    functions are no polynomials in the plane: what points of degree 4 leave falls with the size of
-    pieces, and is below a tenth of the 1e-5 of such facets of degree 1 cut by three points. The two
-    rows of points on the outer edges see at most three times as much as those inside."""
-    options = {"degree": degree, "normals": ContactNormals.REFERENCE}
-    found = static_state(stack((2, 2, 1), (3, 3, 1), **options))
-    assert found.pressures == pytest.approx(0.5, rel=1e-7)
-    assert found.contact_state.areas.sum() == pytest.approx(8000.0, rel=1e-12)
+def test_facets_that_are_no_polynomials_pass_uniform_stress_nearly():
+    """Nodes moved aside by an eighth of an edge make facets whose functions are no polynomials in
+    the plane: what points of degree 4 leave falls with the size of pieces, and is below a tenth of
+    the 1e-5 of such facets of degree 1 cut by three points. The two rows of points on the outer
+    edges see at most three times as much as those inside."""
+    options = {"degree": 2, "normals": ContactNormals.REFERENCE}
     rng = np.random.default_rng(1)
     boxes = box_column([ColumnBox(SIZE, (2, 2, 1)), ColumnBox(SIZE, (3, 3, 1))])
     shapes = []
@@ -66,8 +62,7 @@ def test_a_box_that_was_built_aside_and_reference_normals():
         assert np.abs(moment.sum(axis=0)).max() < 1e-2 * 50.0
 
 
-@pytest.mark.parametrize("divisions", [2, 4])
-@pytest.mark.parametrize("base", [3, 16])
+@pytest.mark.parametrize(("divisions", "base"), [(4, 3), (2, 16)])
 def test_a_tall_block_stands_up_to_the_edge_of_its_face(divisions, base):
     """Weight W in the middle of 120 mm and a push of W t / 3 there tip a block of 40 mm about its
     edge at t = 1. It stands at 0.98, carried at 20 t from the middle, but for the springs that keep
