@@ -581,7 +581,6 @@ def test_a_second_interaction_of_two_blocks_is_rejected() -> None:
 
 
 BESIDE = [(x, y, z) for z in (1, 2) for x, y in ((0, 0), (1, 0), (1, 1), (0, 1))]
-_TEXT = "\n".join(CUBES)
 _LINES = written_again(deck_of_lines(CUBES))
 
 

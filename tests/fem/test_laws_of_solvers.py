@@ -51,7 +51,7 @@ from tests.support.blocks import random_rotation
 from tests.support.coarse_tubes import ring
 from tests.support.fem_problems import still
 
-X, Y, Z = np.eye(3)
+X, _, Z = np.eye(3)
 REST, SOFT = 1e-6, 100.0
 GRAVITY = 9810.0
 STATIC = Static(mesh="scene", error_estimate=False)

@@ -28,8 +28,6 @@ from tests.support.pushed_bricks import EDGE, PRESSURE, SCENE, STONE, frictionle
 from validation import load_case
 
 SOFT, STIFF = LinearPenalty(50.0), LinearPenalty(500.0)
-#: Two dice on a plate: the first has the default, the second, named last block first, its own.
-LAWS = PairLaws(STIFF, ((2, 0, SOFT),))
 #: Elastic shortening of a die up to its middle [mm].
 SHORTENED = PRESSURE / STONE.young_modulus * EDGE / 2.0
 

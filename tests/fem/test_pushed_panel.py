@@ -23,7 +23,7 @@ from mbd.limits.force_range import force_ranges
 from tests.support.commands import command
 from validation import Case, load_case, solve
 
-FRICTION, STICK = 0.3, 100.0
+FRICTION = 0.3
 
 
 @dataclass(frozen=True)

@@ -17,8 +17,6 @@ from geometry.parts.walls import least_wall
 from geometry.polyhedra.polyhedron import Polyhedron
 from tests.support.coarse_tubes import coarse
 
-AROUND = 48
-
 
 @pytest.mark.quick
 @pytest.mark.parametrize("around", [12, 48])

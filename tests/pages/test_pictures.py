@@ -33,8 +33,6 @@ if TYPE_CHECKING:
 
 RED = np.array([255, 0, 0], dtype=np.uint8)
 COARSE = ("assembly.layers=1", "mesh.around=24", "mesh.radial=2", "mesh.axial=4")
-FINE = (*COARSE, "mesh.around=48")
-BOX = ("fem.method=static", "mesh.divisions=[8,2,2]")
 
 
 def square(size: float = 1.0, at: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> Polygons:
