@@ -45,6 +45,9 @@ _STEPS, _CLOSE = 30, 1e-12
 #: Squared sine of the angle between its tangents, below which a facet is folded to a line.
 _FOLDED = 1e-20
 
+#: Relative difference of edges, and of places, that is none.
+_ALIKE = 1e-9
+
 #: Normals may turn between two searches: neighbours look at each other by less than what cuts ask.
 _NEIGHBOURS = 0.5 * OPPOSITE
 
@@ -70,10 +73,8 @@ class BlockSurface:
     facets: IntArray | None = None
     """Curved facets of a higher degree, of which equally many `quads` each are the pieces, all
     their nodes as positions in `nodes`, (n, (degree + 1)²); None: the quads are the facets."""
-    stands: int = -1
-    """In a sector: block that stands for it …"""
-    turn: int = 0
-    """… and by how many angles of the sector it is turned from that."""
+    computed: bool = True
+    """Whether contact of its own facets is integrated: in a sector others are images of that."""
     origin: FloatArray = field(default_factory=lambda: np.zeros(3))
     """Place near the blocks, the same for all, world axes, (3,) [mm]: far from the world's origin
     differences of places have fewer digits."""
@@ -104,7 +105,6 @@ class FacingPoints:
         surfaces: tuple[BlockSurface, ...],
         *,
         reach: float,
-        symmetry: int = 1,
         slight: float = 0.0,
     ) -> None:
         """Place the surfaces and find what faces what.
@@ -115,16 +115,13 @@ class FacingPoints:
             Of all blocks; those of one group follow each other.
         reach
             Distance below which contact acts [mm].
-        symmetry
-            Order of the sector: contact of blocks with `BlockSurface.turn` 0 alone is integrated,
-            as those of all others are images of it.
         slight
             Share of a facet's nodal forces by which the points of a sliver may err, so that they
             are one or two.
         """
         sizes = np.cumsum([0, *(len(s.nodes) for s in surfaces)])
         facets = np.cumsum([0, *(len(s.quads) for s in surfaces)])
-        self.surfaces, self.symmetry, self._slight = surfaces, symmetry, slight
+        self.surfaces, self._slight = surfaces, slight
         self.node_start: IntArray = sizes
         self.position = np.concatenate([s.reference for s in surfaces])
         self.quads = np.concatenate(
@@ -142,6 +139,7 @@ class FacingPoints:
             self.whole = np.concatenate(curved)
             self.pieces = len(self.quads) // len(self.whole)
         self._edges = np.array([s.edge for s in surfaces])
+        self._middles = np.array([s.reference.mean(axis=0) for s in surfaces])
         self.skin = _SKIN * float(self._edges.min())
         self._bounds = np.array([-_DEEPEST * self.skin, max(reach, 0.0) + self.skin])
         #: Of the undeformed facets, (n_facets,) [mm²].
@@ -270,8 +268,9 @@ class FacingPoints:
     def _near_blocks(self, margin: float) -> list[tuple[int, int, float]]:
         """Master and slave of each two blocks whose boxes overlap, and how much the pair counts.
 
-        The finer one is slave, of two alike the later one. In a sector two images of one block are
-        alike; the one that follows the other by less than half a turn is slave.
+        The finer one is slave; of two that are as fine the one that deforms; then the one that sees
+        the other farther down, or else farther back, in its own axes: neither the numbers of blocks
+        nor the place of the assembly count. Two that see each other alike are both.
         """
         low, high = np.empty((len(self.surfaces), 3)), np.empty((len(self.surfaces), 3))
         for k, facets in enumerate(self.facets):
@@ -282,23 +281,23 @@ class FacingPoints:
             overlap = ((low[i] <= high[i + 1 :]) & (low[i + 1 :] <= high[i])).all(axis=1)
             for j in (np.flatnonzero(overlap) + i + 1).tolist():
                 if max(self.surfaces[i].group, self.surfaces[j].group) >= 0:
-                    pairs += [p for p in self._order(i, j) if not self.surfaces[p[1]].turn]
+                    pairs += [p for p in self._order(i, j) if self.surfaces[p[1]].computed]
         return pairs
 
     def _order(self, i: int, j: int) -> list[tuple[int, int, float]]:
         """(master, slave, share) of two blocks that come near."""
         one, two = self.surfaces[i], self.surfaces[j]
-        if self._edges[j] > self._edges[i] * (1.0 + 1e-9):
-            return [(j, i, 1.0)]
-        if self._edges[i] > self._edges[j] * (1.0 + 1e-9) or self.symmetry == 1:
-            return [(i, j, 1.0)]
-        if one.stands != two.stands:
-            later = (two.group, two.stands) > (one.group, one.stands)
-            return [(i, j, 1.0) if later else (j, i, 1.0)]
-        ahead = (two.turn - one.turn) % self.symmetry
-        if 2 * ahead == self.symmetry:
-            return [(i, j, 0.5), (j, i, 0.5)]
-        return [(i, j, 1.0) if 2 * ahead < self.symmetry else (j, i, 1.0)]
+        way = self._middles[j] - self._middles[i]
+        ahead = way @ one.rotation + way @ two.rotation  # as `one` sees `two`, less the reverse
+        ranks = [
+            (self._edges[i] - self._edges[j], self._edges[i]),
+            (float(one.group < 0) - float(two.group < 0), 1.0),
+            *((along, np.linalg.norm(way)) for along in ahead[::-1]),
+        ]
+        for rank, size in ranks:
+            if abs(rank) > _ALIKE * size:
+                return [(i, j, 1.0) if rank > 0.0 else (j, i, 1.0)]
+        return [(i, j, 0.5), (j, i, 0.5)]
 
     def _near_facets(self, m: int, s: int) -> tuple[IntArray, IntArray]:
         """Facets of one block and those of another that each may come to face."""

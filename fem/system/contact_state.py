@@ -35,7 +35,7 @@ def block_surfaces(system: System, copy_of: IntArray | None = None) -> tuple[Blo
     """
     assembly = system.assembly
     copies = system.copy_of if copy_of is None else copy_of
-    turns = _turns(system)
+    computed = system.orbits.representative == assembly.originals
     result = []
     for block in range(assembly.n_blocks):
         if len(assembly.shape(block).contact_quads):
@@ -45,8 +45,7 @@ def block_surfaces(system: System, copy_of: IntArray | None = None) -> tuple[Blo
                     surface,
                     group=int(system.group_of[block]),
                     copy=int(max(copies[block], 0)),
-                    stands=int(system.orbits.representative[block]),
-                    turn=int(turns[block]),
+                    computed=bool(computed[block]),
                 )
             )
     return tuple(sorted(result, key=lambda surface: surface.group))
@@ -70,23 +69,8 @@ def block_surface(assembly: Assembly, block: int, offset: FloatArray) -> BlockSu
         reference=mesh.nodes[nodes] @ assembly.rotations[block].T + shift,
         quads=np.searchsorted(nodes, quads),
         facets=None if facets is None else np.searchsorted(nodes, facets),
-        stands=block,
         origin=origin,
     )
-
-
-def _turns(system: System) -> IntArray:
-    """By how many angles of the sector each block is turned from the one that stands for it."""
-    assembly, orbits = system.assembly, system.orbits
-    if orbits.order == 1:
-        return np.zeros(assembly.n_blocks, dtype=np.int64)
-    relative = assembly.rotations @ np.swapaxes(assembly.rotations[orbits.representative], 1, 2)
-    twice_sine = relative - np.swapaxes(relative, 1, 2)
-    axis = np.stack([twice_sine[:, 2, 1], twice_sine[:, 0, 2], twice_sine[:, 1, 0]], axis=1)
-    sine = 0.5 * axis @ assembly.axis
-    cosine = 0.5 * (np.trace(relative, axis1=1, axis2=2) - 1.0)
-    angle: FloatArray = np.arctan2(sine, cosine) * orbits.order / (2.0 * np.pi)
-    return np.rint(angle).astype(np.int64) % orbits.order
 
 
 def facing_points(
@@ -109,9 +93,9 @@ def facing_points(
     slight
         As `FacingPoints`.
     """
-    reach, order = -system.contact.law.start - system.surfaces.clearance, system.orbits.order
+    reach = -system.contact.law.start - system.surfaces.clearance
     surfaces = block_surfaces(system, copy_of)
-    points = FacingPoints(surfaces, reach=reach, symmetry=order, slight=slight)
+    points = FacingPoints(surfaces, reach=reach, slight=slight)
     if displacements is not None:
         points.displace(displacements)
         points.search()

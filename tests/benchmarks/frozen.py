@@ -100,7 +100,7 @@ PROBLEMS = {
         "cattaneo-mindlin", _MATCHED, {**_STATIC, "mesh.elements": 2, "fem.motion_steps": 4}
     ),
     "springs": Frozen("beam-on-springs", _SEARCHED, {**_STATIC, "mesh.divisions": [24, 1, 1]}),
-    "gap": Frozen("tsb1-tunnel", _MATCHED, {**_TWO, **_STATIC, "contact.clearance": 0.05}),
+    "gap": Frozen("tsb1-pipe", _MATCHED, {**_TWO, **_STATIC, "contact.clearance": 0.05}),
     "explicit": Frozen("tsb1-pipe", _IN_TIME, {**_ONE, **_EXPLICIT}),
     "explicit, sliding": Frozen("tsb1-pipe", _IN_TIME, {**_ONE, **_EXPLICIT, **_SHORT, **_SLIDES}),
     "explicit, friction": Frozen(
