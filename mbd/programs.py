@@ -139,33 +139,8 @@ def least_quadratic(
         return qpsolvers.solve_problem(stated, solver="clarabel", **dict.fromkeys(names, tolerance))
 
 
-def least_linear(
-    cost: FloatArray,
-    *,
-    equal: tuple[Any, FloatArray],
-    above: tuple[Any, FloatArray],
-    bounds: FloatArray,
-    entries: int,
-    work: Work,
-) -> Any:
-    """Minimise a cost over equal x = target, above x <= limit, x within bounds (n, 2) (HiGHS).
-
-    None where there is no least one, or the limit of work was reached. ``entries`` count as work.
-    """
-    from scipy.optimize import linprog
-
-    (matrix, target), (rows, limit) = equal, above
-    stated: dict[str, Any] = {"A_eq": matrix, "b_eq": target, "A_ub": rows, "b_ub": limit}
-    stated |= {"bounds": bounds}
-    most: Any = {"maxiter": work.simplex_iterations(entries)}
-    solution: Any = linprog(cost, method="highs", options=most, **stated)
-    # Status 1: the limit of iterations.
-    work.simplex(int(solution.nit), entries, ended=solution.status != 1)
-    return None if solution.x is None or work.spent else solution
-
-
 class LinearPrograms:
-    """Least costs over matrix x = target, 0 <= x <= upper, each from the last one's basis (HiGHS).
+    """Least costs over rows of matrix x and x within bounds, each from the last basis (HiGHS).
 
     References: Huangfu and Hall, "Parallelizing the dual revised simplex method", Math. Program.
     Comput. 10 (2018).
@@ -174,24 +149,23 @@ class LinearPrograms:
     def __init__(
         self,
         matrix: sp.csc_array,
-        target: FloatArray,
+        rows: tuple[FloatArray, FloatArray],
+        bounds: tuple[FloatArray | float, FloatArray | float],
         work: Work,
-        *,
-        upper: FloatArray | None = None,
     ) -> None:
         # Loaded here: most answers need no linear program.
         import highspy
 
-        self._matrix, self._target, self._work = matrix, target, work
+        self._matrix, self._rows, self._work = matrix, rows, work
         self._status = highspy.HighsModelStatus
         n_rows, n = matrix.shape
         self._places = np.arange(n, dtype=np.int32)
-        self.x = np.zeros(n)
+        self.x, self.multipliers = np.zeros(n), np.zeros(n_rows)
         program = highspy.HighsLp()
         program.num_row_, program.num_col_ = n_rows, n
-        program.col_cost_, program.col_lower_ = np.zeros(n), np.zeros(n)
-        program.col_upper_ = np.full(n, np.inf) if upper is None else upper
-        program.row_lower_ = program.row_upper_ = target
+        program.col_cost_ = np.zeros(n)
+        program.col_lower_, program.col_upper_ = (np.broadcast_to(b, n).copy() for b in bounds)
+        program.row_lower_, program.row_upper_ = rows
         program.a_matrix_.format_ = highspy.MatrixFormat.kColwise
         program.a_matrix_.start_ = matrix.indptr
         program.a_matrix_.index_ = matrix.indices
@@ -201,22 +175,31 @@ class LinearPrograms:
         self._solver.setOptionValue("threads", 1)
         self._solver.passModel(program)
 
-    def least(self, cost: FloatArray) -> float | None:
-        """Least cost · x; None if there is none, or if it does not balance the target."""
+    def least(
+        self, cost: FloatArray, bounds: tuple[FloatArray, FloatArray] | None = None
+    ) -> float | None:
+        """Least cost · x; None if there is none, if a limit came first, or if a row is missed.
+
+        Sets `x`, (n,), and the `multipliers` of the rows, (n_rows,).
+        """
         entries = int(self._matrix.nnz)
         self._solver.changeColsCost(len(cost), self._places, cost)
+        if bounds is not None:
+            self._solver.changeColsBounds(len(cost), self._places, *bounds)
         left = self._work.simplex_iterations(entries)
         self._solver.setOptionValue("simplex_iteration_limit", left)
         self._solver.run()
         iterations = self._solver.getInfo().simplex_iteration_count
         ended = self._solver.getModelStatus() != self._status.kIterationLimit
         self._work.simplex(iterations, entries, ended=ended)
-        if self._solver.getModelStatus() != self._status.kOptimal:
+        if self._solver.getModelStatus() != self._status.kOptimal or self._work.spent:
             return None
-        # From here on only costs change: the last x stays feasible.
-        self._solver.setOptionValue("simplex_strategy", 4)
-        self.x = np.array(self._solver.getSolution().col_value)
-        imbalance = float(np.linalg.norm(self._matrix @ self.x - self._target))
-        if imbalance > _BALANCED * float(np.linalg.norm(self._target)):
+        if bounds is None:  # only costs change: the last x stays feasible
+            self._solver.setOptionValue("simplex_strategy", 4)
+        solution = self._solver.getSolution()
+        self.x, self.multipliers = np.array(solution.col_value), np.array(solution.row_dual)
+        (lower, upper), product = self._rows, self._matrix @ self.x
+        missed = float(np.linalg.norm(product - np.clip(product, lower, upper)))
+        if missed > _BALANCED * float(np.linalg.norm(upper[np.isfinite(upper)])):
             return None
         return float(cost @ self.x)

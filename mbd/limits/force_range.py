@@ -29,92 +29,12 @@ import numpy as np
 import scipy.sparse as sp
 
 from geometry.mesh import BoolArray, FloatArray, IntArray
-from geometry.parts.placed import AnyBlocks
 from geometry.parts.rows import Row, finite
 from mbd.contacts.jacobian import RigidContacts
-from mbd.friction.equilibrium import FrictionalContacts, RigidFrictionError
+from mbd.friction.equilibrium import FrictionalContacts
 from mbd.frictionless.equilibrium import newton_equilibrium
+from mbd.limits.plane import Reduced
 from mbd.programs import DETERMINED, LinearPrograms, Work
-
-#: Out-of-plane parts below this fraction are round-off of vertices and normals.
-_FLAT = 1e-9
-
-
-@dataclass(frozen=True)
-class PlaneProblem:
-    """Half the contacts, half the unknowns: contacts of one face and what acts in the plane.
-
-    Walls and arches of one block's depth have each contact twice, on either face. If nothing acts
-    out of the plane, the mean of an admissible state and its mirror image is one in the plane, so
-    nothing is lost by contacts on one face that carry the forces of both, and blocks that move in
-    the plane.
-    """
-
-    contacts: FrictionalContacts
-    """Three rows for each free block: two forces and a couple."""
-    rows: IntArray
-    """Rows of the problem in space that are kept, (3 n_free,)."""
-    kept: IntArray
-    """Contacts of the problem in space that are kept, (n,)."""
-    behind: FloatArray
-    """From the face of these contacts to the other one, (3,) [mm]."""
-
-    def load(self, load: FloatArray) -> FloatArray:
-        """Rows in the plane of a generalized force in space."""
-        outside = np.delete(load, self.rows)
-        if np.abs(outside).max(initial=0.0) > _FLAT * np.abs(load).max(initial=0.0):
-            raise RigidFrictionError("plane problem: the load acts out of the plane")
-        return load[self.rows]
-
-
-def plane_problem(
-    assembly: AnyBlocks, contacts: RigidContacts, frictional: FrictionalContacts, axis: int
-) -> PlaneProblem:
-    """Reduce to the plane normal to a coordinate axis.
-
-    Parameters
-    ----------
-    assembly, contacts, frictional
-        Blocks, contacts and their wrenches in space.
-    axis
-        0, 1 or 2: x, y or z, out of the plane.
-    """
-    points = assembly.interfaces.centroids[contacts.index]
-    normals = assembly.interfaces.normals[contacts.index]
-    height = points[:, axis]
-    front = height < height.mean()
-    size = float(np.ptp(points, axis=0).max())
-    flat = np.ptp(height[front]) <= _FLAT * size and np.ptp(height[~front]) <= _FLAT * size
-    paired = 2 * int(front.sum()) == len(front)
-    if not (flat and paired and np.abs(normals[:, axis]).max() <= _FLAT):
-        raise RigidFrictionError(
-            "plane problem: expected contacts on two flat faces, one behind the other, with "
-            "normals in the plane"
-        )
-    first, second = (axis + 1) % 3, (axis + 2) % 3
-    keep = np.sort([first, second, 3 + axis])
-    rows = (6 * np.arange(len(contacts.free_blocks))[:, None] + keep).ravel()
-    kept = np.flatnonzero(front)
-    columns = (3 * kept[:, None] + np.arange(3)).ravel()
-    matrix = sp.csc_array(sp.csr_array(frictional.matrix)[rows].tocsc()[:, columns])
-    motions = frictional.motions
-    if motions is not None:
-        out = np.delete(np.arange(6), keep)
-        if np.abs(motions[:, keep][:, :, out]).max() > _FLAT:
-            raise RigidFrictionError(
-                "plane problem: a support couples motions in the plane with others"
-            )
-        motions = motions[:, keep][:, :, keep]
-    tangents = frictional.tangents[kept]
-    reduced = replace(
-        frictional,
-        matrix=matrix,
-        tangents=tangents,
-        friction=frictional.friction[kept],
-        motions=motions,
-    )
-    behind = np.eye(3)[axis] * (height[~front].mean() - height[front].mean())
-    return PlaneProblem(reduced, rows, kept, behind)
 
 
 @dataclass(frozen=True)
@@ -203,8 +123,7 @@ def force_ranges(
     load: FloatArray,
     shown: FloatArray,
     *,
-    frictional: FrictionalContacts | None = None,
-    plane: PlaneProblem | None = None,
+    frictional: Reduced | None = None,
     progress: Callable[[int, int], None] | None = None,
     limit: float = math.inf,
 ) -> ForceRanges | None:
@@ -222,9 +141,7 @@ def force_ranges(
     shown
         Normal forces of the least-norm answer, (n_contacts,) [N].
     frictional
-        The same contacts with friction; None for none.
-    plane
-        The same problem in its plane, where it is plane: the same ranges in a fraction of the time.
+        The same contacts with friction, in their plane where there is one; None for none.
     progress
         Called with the number of joints that are done and that of all.
     limit
@@ -239,13 +156,15 @@ def force_ranges(
     pairs, joint = contacts.joints
     n_joints, size = len(pairs), float(np.linalg.norm(load))
     sums = np.asarray(np.bincount(joint, weights=shown, minlength=n_joints), dtype=np.float64)
-    if plane is not None:
-        frictional, load = plane.contacts, plane.load(load)
-        joint = joint[plane.kept]
-    matrix, of = _columns(contacts, frictional, joint)
+    if frictional is None:
+        matrix, of = contacts.jacobian.to_matrix(), joint
+    else:
+        matrix, of = _edges(frictional.contacts), np.repeat(joint[frictional.kept], 4)
+        load = load[frictional.rows]
     work, known = Work(limit), _all_pressed(contacts, n_joints)
     pressed = _self_stressed(matrix, of, n_joints, work) if known is None else known
-    programs = LinearPrograms(matrix, -load / size if size > 0.0 else -load, work)
+    target = -load / size if size > 0.0 else -load
+    programs = LinearPrograms(matrix, (target, target), (0.0, np.inf), work)
     answer = partial(ForceRanges, pairs[:, 0], pairs[:, 1], shown=sums, load=size)
     least, largest = np.full(n_joints, np.nan), np.where(pressed, np.inf, np.nan)
     for k in range(n_joints):
@@ -282,22 +201,16 @@ def _all_pressed(contacts: RigidContacts, n_joints: int) -> BoolArray | None:
     return np.ones(n_joints, dtype=np.bool_) if stress.holds else None
 
 
-def _columns(
-    contacts: RigidContacts, frictional: FrictionalContacts | None, joint: IntArray
-) -> tuple[sp.csc_array, IntArray]:
-    """Wrenches of the edges of all admissible forces, each with a normal force of one.
+def _edges(frictional: FrictionalContacts) -> sp.csc_array:
+    """Wrenches of the edges (1, ±μ, 0) and (1, 0, ±μ) of all pyramids, (n_rows, 4 n_contacts).
 
-    Admissible forces are their sums with factors that are not negative: the normal without
-    friction, the four edges (1, ±μ, 0) and (1, 0, ±μ) of the pyramid with it. Returns
-    (n_rows, n_columns) and the joint of each column, (n_columns,).
+    Admissible forces are their sums with factors that are not negative.
     """
-    if frictional is None:
-        return contacts.jacobian.to_matrix(), joint
     normal = np.array([[1.0, 1.0, 1.0, 1.0], [0.0] * 4, [0.0] * 4])
     shear = np.array([[0.0] * 4, [1.0, -1.0, 0.0, 0.0], [0.0, 0.0, 1.0, -1.0]])
-    generators = sp.kron(sp.eye_array(len(joint)), normal)
+    generators = sp.kron(sp.eye_array(frictional.n_contacts), normal)
     generators = generators + sp.kron(sp.diags_array(frictional.friction), shear)
-    return sp.csc_array(frictional.matrix @ generators), np.repeat(joint, 4)
+    return sp.csc_array(frictional.matrix @ generators)
 
 
 def _self_stressed(matrix: sp.csc_array, of: IntArray, n_joints: int, work: Work) -> BoolArray:
@@ -310,11 +223,8 @@ def _self_stressed(matrix: sp.csc_array, of: IntArray, n_joints: int, work: Work
     sums = sp.csc_array((np.ones(n), (of, np.arange(n))), shape=(n_joints, n))
     eye, none = sp.eye_array(n_joints), sp.csc_array((n_rows, n_joints))
     equal = sp.vstack([sp.hstack([matrix, none, none]), sp.hstack([sums, eye, -eye])])
-    programs = LinearPrograms(
-        sp.csc_array(equal),
-        np.concatenate([np.zeros(n_rows), np.ones(n_joints)]),
-        work,
-        upper=np.concatenate([np.full(n, np.inf), np.ones(n_joints), np.full(n_joints, np.inf)]),
-    )
+    target = np.concatenate([np.zeros(n_rows), np.ones(n_joints)])
+    upper = np.concatenate([np.full(n, np.inf), np.ones(n_joints), np.full(n_joints, np.inf)])
+    programs = LinearPrograms(sp.csc_array(equal), (target, target), (0.0, upper), work)
     programs.least(np.concatenate([np.zeros(n), np.ones(n_joints), np.zeros(n_joints)]))
     return programs.x[n : n + n_joints] < 0.5

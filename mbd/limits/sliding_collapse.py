@@ -32,14 +32,15 @@ linear programming", Comput. Struct. 84 (2006).
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from dataclasses import asdict, dataclass, replace
-from typing import TYPE_CHECKING, Any
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, dataclass, field, replace
+from functools import partial
+from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
 
-from geometry.mesh import FloatArray, IntArray
+from geometry.mesh import FloatArray
 from geometry.parts.rows import Row, finite
 from mbd.friction.equilibrium import (
     TANGENTS,
@@ -50,12 +51,10 @@ from mbd.friction.equilibrium import (
     frictional_equilibrium,
 )
 from mbd.frictionless.equilibrium import EQUILIBRIUM_TOLERANCE
+from mbd.limits.plane import Reduced
 from mbd.options import FrictionLaw
-from mbd.programs import Work, least_conic, least_linear
+from mbd.programs import LinearPrograms, Work, least_conic
 from mbd.system import RigidSystem
-
-if TYPE_CHECKING:
-    from mbd.limits.force_range import PlaneProblem
 
 #: Largest violation of any law in a certified state; see `SlidingCheck` for what it is relative to.
 SLIDING_TOLERANCE = EQUILIBRIUM_TOLERANCE
@@ -68,6 +67,14 @@ _MOST_STEPS = 40
 _FIRST_REACH = 0.5
 #: … and the radius at which a path ends.
 _LAST_REACH = 1e-9
+#: Most linear programs with frozen friction, and the change of pressures at which they settle.
+_MOST_FROZEN, _FROZEN = 60, 1e-9
+#: Factors beyond this, in sizes of dead over live load, are taken for a jam without limit.
+_JAMMED = 1e6
+_NOT_FOUND = (
+    "no non-associated sliding state found: friction jams the blocks, and the limit load depends "
+    "on an unknown prestress (see the ranges of the joint forces)"
+)
 #: Friction limits below this fraction of the largest are none.
 _UNPRESSED = 1e-12
 #: Predicted decrease of the merit (a factor of order one) that is round-off of a linear program.
@@ -101,7 +108,7 @@ class SlidingCheck:
         )
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class SlidingCollapse:
     """A factor at which the blocks can begin to slide without dilation, and the proof."""
 
@@ -112,23 +119,49 @@ class SlidingCollapse:
     """Factor of limit analysis with dilation: no larger load can be carried."""
     forces: FloatArray
     """(λ_n, λ_1, λ_2) of each contact, (n_contacts, 3) [N]."""
-    mechanism: FloatArray | None
+    mechanism: FloatArray | None = None
     """d with f_liveᵀd > 0, ‖d‖ = 1, (n_rows,); None where none was found."""
-    check: SlidingCheck | None
+    check: SlidingCheck | None = None
     """Every law multiplied out; None where no motion was found."""
-    programs: int
+    programs: int = 0
     """Linear programs solved."""
-    status: str
-    """Verdict in words."""
+    reason: str = ""
+    """Why no motion was found."""
     stopped: bool = False
     """Whether the limit of work ended the search."""
-    state: SlidingState | None = None
-    """Forces and motion in space, for a check by another program."""
+    state: Mapping[str, Any] = field(default_factory=dict)
+    """Forces and motion in space as plain data, for a check by another program."""
 
     @property
     def certified(self) -> bool:
         """Whether forces and motion obey every law to `SLIDING_TOLERANCE`."""
         return self.check is not None and self.check.largest <= SLIDING_TOLERANCE
+
+    @property
+    def status(self) -> str:
+        """Verdict in words."""
+        if self.certified:
+            beyond = f"associated limit load factor {self.associated:.6g}"
+            if np.isinf(self.associated):
+                beyond = "with associated friction unbounded"
+            least = "a local minimum"
+            if self.stopped:
+                least = "the search for a smaller one stopped at the limit of work, "
+                least += f"{self.programs} linear programs"
+            return (
+                f"slides without dilation from load factor {self.factor:.6g} on (certified; "
+                f"{least}); {beyond}"
+            )
+        if self.stopped:
+            return (
+                "not decided (limit of work): no certified sliding state after "
+                f"{self.programs} linear programs"
+            )
+        return self.reason or (
+            "no certified non-associated sliding state: the best violates a law by "
+            f'{self.check.largest if self.check else np.nan:.1e}; try `friction_law` = "pyramid" '
+            "or another friction"
+        )
 
     @property
     def rows(self) -> list[Row]:
@@ -137,15 +170,15 @@ class SlidingCollapse:
 
     def as_json(self) -> dict[str, Any]:
         """Return plain data."""
-        data = {
+        return {
             "factor": finite(self.factor),
             "associated_factor": finite(self.associated),
             "certified": self.certified,
             "check": None if self.check is None else asdict(self.check),
             "mechanism": by_block(self.mechanism),
             "status": self.status,
+            **self.state,
         }
-        return data if self.state is None else data | self.state.as_json()
 
 
 def check_sliding(
@@ -194,16 +227,34 @@ class _State:
 
 @dataclass(frozen=True)
 class _Programs:
-    """Linear constraints on x = (λ, α, d, w), w no less than the slip; loads of order one."""
+    """Linear programs in x = (λ, α, d, w), w no less than the slip; loads of order one."""
 
     contacts: FrictionalContacts
     dead: FloatArray
     live: FloatArray
-    equal: sp.csc_array
-    target: FloatArray
-    above: sp.csc_array
-    """Rows whose products with x are not positive."""
     work: Work
+    program: LinearPrograms
+
+    @staticmethod
+    def of(
+        contacts: FrictionalContacts, dead: FloatArray, live: FloatArray, work: Work
+    ) -> _Programs:
+        """Balance, a work of one, admissible forces, no overlap, and slips within w."""
+        n, slips = contacts.n_contacts, contacts.matrix.T.tocsr()
+        one = sp.eye_array(n)
+        blocks: list[list[Any]] = [
+            [contacts.matrix, sp.csc_array(live[:, None]), None, None],
+            [None, None, sp.csc_array(live[None, :]), None],
+            [contacts.sides(-np.ones(4), TANGENTS), None, None, None],
+            [None, None, -slips[0::3], None],
+        ]
+        for part in (slips[1::3], slips[2::3]):
+            blocks += [[None, None, part, -one], [None, None, -part, -one]]
+        equal = np.append(-dead, 1.0)
+        program = LinearPrograms(
+            sp.block_array(blocks).tocsc(), _rows(equal, np.zeros(9 * n)), (-np.inf, np.inf), work
+        )
+        return _Programs(contacts, dead, live, work, program)
 
     def state(self, forces: FloatArray, factor: float, motion: FloatArray) -> _State:
         """Evaluate forces (n, 3), a factor and a motion (n_rows,)."""
@@ -225,98 +276,56 @@ class _Programs:
         n, mu = self.contacts.n_contacts, self.contacts.friction
         pressure, load = slice(0, 3 * n, 3), 3 * n
         motion, slip = slice(load + 1, load + 1 + len(self.dead)), slice(-n, None)
-        cost = np.zeros(self.equal.shape[1])
+        cost = np.zeros(len(self.program.x))
         cost[pressure] = penalty * mu * state.slip
         cost[load] = 1.0 - penalty
         cost[motion] = -penalty * self.dead
         cost[slip] = penalty * mu * state.forces[:, 0]
-        bounds = np.column_stack([np.full(len(cost), -np.inf), np.full(len(cost), np.inf)])
+        low, high = np.full(len(cost), -np.inf), np.full(len(cost), np.inf)
         for part, centre, radius in (
             (pressure, state.forces[:, 0], reach[0]),
             (slip, state.slip, reach[1]),
         ):
-            bounds[part, 0] = np.maximum(centre - radius, 0.0)
-            bounds[part, 1] = centre + radius
-        above = self.above, np.zeros(self.above.shape[0])
-        solution = self._least(cost, (self.equal, self.target), above, bounds)
-        if solution is None:
+            low[part] = np.maximum(centre - radius, 0.0)
+            high[part] = centre + radius
+        least = self.program.least(cost, (low, high))
+        if least is None:
             return None
         product = self.contacts.dissipated(state.forces[:, 0], state.slip, penalty)
-        predicted = state.merit(penalty) - (solution.fun - product)
-        forces = self.contacts.projected(solution.x[: 3 * n].reshape(-1, 3))
-        return self.state(forces, float(solution.x[load]), solution.x[motion]), predicted
-
-    def _least(
-        self,
-        cost: FloatArray,
-        equal: tuple[Any, FloatArray],
-        above: tuple[Any, FloatArray],
-        bounds: FloatArray,
-    ) -> Any:
-        return least_linear(
-            cost,
-            equal=equal,
-            above=above,
-            bounds=bounds,
-            entries=int(self.equal.nnz + self.above.nnz),
-            work=self.work,
-        )
+        predicted = state.merit(penalty) - (least - product)
+        x = self.program.x
+        forces = self.contacts.projected(x[: 3 * n].reshape(-1, 3))
+        return self.state(forces, float(x[load]), x[motion]), predicted
 
     def frozen(self, pressed: FloatArray) -> _State | None:
         """Largest factor, its forces and motion, with limits μ · ``pressed`` (n,) of friction.
 
         None where no factor is the largest.
         """
-        n, rows = self.contacts.n_contacts, len(self.dead)
-        above = sp.hstack([self.contacts.sides(np.zeros(4), TANGENTS), sp.csr_array((4 * n, 1))])
-        bounds = np.full((3 * n + 1, 2), [-np.inf, np.inf])
-        bounds[: 3 * n : 3, 0] = 0.0
-        cost = np.zeros(3 * n + 1)
-        cost[-1] = -1.0
-        solution = self._least(
-            cost,
-            (self.equal[:rows, : 3 * n + 1], self.target[:rows]),
-            (sp.csc_array(above), np.repeat(self.contacts.friction * pressed, 4)),
-            bounds,
+        n = self.contacts.n_contacts
+        blocks: list[list[Any]] = [
+            [self.contacts.matrix, sp.csc_array(self.live[:, None])],
+            [self.contacts.sides(np.zeros(4), TANGENTS), None],
+        ]
+        limits = np.repeat(self.contacts.friction * pressed, 4)
+        low, cost = np.full(3 * n + 1, -np.inf), np.zeros(3 * n + 1)
+        low[: 3 * n : 3], cost[-1] = 0.0, -1.0
+        program = LinearPrograms(
+            sp.block_array(blocks).tocsc(),
+            _rows(-self.dead, limits),
+            (low, np.inf),
+            self.work,
         )
-        if solution is None:
+        if program.least(cost) is None:
             return None
         # Multipliers of balance are the motion that the live load drives, with a work of one.
-        forces = solution.x[:-1].reshape(-1, 3)
-        return self.state(forces, float(solution.x[-1]), -solution.eqlin.marginals)
+        motion = -program.multipliers[: len(self.dead)]
+        return self.state(program.x[:-1].reshape(-1, 3), float(program.x[-1]), motion)
 
 
-def _programs(
-    contacts: FrictionalContacts, dead: FloatArray, live: FloatArray, work: Work
-) -> _Programs:
-    n, rows = contacts.n_contacts, len(dead)
-    slips = contacts.matrix.T.tocsr()
-    normal, tangential = slips[0::3], [slips[1::3], slips[2::3]]
-    one = sp.eye_array(n)
-    above: list[list[Any]] = [
-        [
-            contacts.sides(-np.ones(4), TANGENTS),
-            sp.csr_array((4 * n, 1 + rows)),
-            sp.csr_array((4 * n, n)),
-        ],
-        [None, sp.hstack([sp.csr_array((n, 1)), -normal]), None],
-    ]
-    for part in tangential:
-        for sign in (1.0, -1.0):
-            above.append([None, sp.hstack([sp.csr_array((n, 1)), sign * part]), -one])
-    equal: list[list[Any]] = [
-        [contacts.matrix, sp.csc_array(live[:, None]), sp.csc_array((rows, rows)), None],
-        [None, sp.csc_array((1, 1)), sp.csc_array(live[None, :]), sp.csc_array((1, n))],
-    ]
-    return _Programs(
-        contacts,
-        dead,
-        live,
-        equal=sp.block_array(equal).tocsc(),
-        target=np.concatenate([-dead, [1.0]]),
-        above=sp.block_array(above).tocsc(),
-        work=work,
-    )
+def _rows(equal: FloatArray, above: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Least and largest products of rows that equal some values, and of rows that stay below."""
+    return np.append(equal, np.full(len(above), -np.inf)), np.append(equal, above)
 
 
 def _descend(programs: _Programs, state: _State, penalty: float) -> _State:
@@ -365,39 +374,50 @@ def sliding_collapse(
     start = collapse_load(linear, dead, live)
     if np.isnan(start.factor):
         none = np.zeros_like(start.forces)
-        return SlidingCollapse(np.nan, np.nan, none, None, None, 0, start.status)
+        return SlidingCollapse(factor=np.nan, associated=np.nan, forces=none, reason=start.status)
     scale, size = float(np.linalg.norm(dead)) or 1.0, float(np.linalg.norm(live))
     work = Work(limit, progress=progress)
-    programs = _programs(linear, dead / scale, live / size, work)
+    programs = _Programs.of(linear, dead / scale, live / size, work)
     state = _first_state(programs, start, (scale, size))
     if state is None:
-        status = _stopped_words(work.programs) if work.spent else _NOT_FOUND
         return SlidingCollapse(
-            start.factor, start.factor, start.forces, None, None, work.programs, status, work.spent
+            factor=start.factor,
+            associated=start.factor,
+            forces=start.forces,
+            programs=work.programs,
+            reason=_NOT_FOUND,
+            stopped=work.spent,
         )
     for penalty in _PENALTIES:
         state = _descend(programs, state, penalty)
         if state.defect <= 0.01 * SLIDING_TOLERANCE * max(abs(state.factor), 1.0):
             break
-    factor = state.factor * scale / size
-    collapse = _judged(contacts, scale * state.forces, state.motion, (dead, live, factor))
-    if not collapse.certified and contacts.law is FrictionLaw.CONE:
+    forces, factor = scale * state.forces, state.factor * scale / size
+    judged = partial(_judged, contacts, forces, dead + factor * live)
+    motion, check = judged(state.motion)
+    if check.largest > SLIDING_TOLERANCE and contacts.law is FrictionLaw.CONE:
         # The pyramid leaves slips between its tangents open; the cone does not.
-        motion = _least_dissipation(contacts, state.forces, programs.dead, programs.live)
-        collapse = _judged(contacts, scale * state.forces, motion, (dead, live, factor))
-    collapse = replace(collapse, associated=start.factor, programs=work.programs)
-    collapse = replace(collapse, stopped=work.spent)
-    return replace(collapse, status=_status(collapse))
+        motion, check = judged(
+            _least_dissipation(contacts, state.forces, programs.dead, programs.live)
+        )
+    return SlidingCollapse(
+        factor=factor,
+        associated=start.factor,
+        forces=forces,
+        mechanism=motion,
+        check=check,
+        programs=work.programs,
+        stopped=work.spent,
+    )
 
 
-#: Most linear programs with frozen friction, and the change of pressures at which they settle.
-_MOST_FROZEN, _FROZEN = 60, 1e-9
-#: Factors beyond this, in sizes of dead over live load, are taken for a jam without limit.
-_JAMMED = 1e6
-_NOT_FOUND = (
-    "no non-associated sliding state found: friction jams the blocks, and the limit load depends "
-    "on an unknown prestress (see the ranges of the joint forces)"
-)
+def _judged(
+    contacts: FrictionalContacts, forces: FloatArray, load: FloatArray, motion: FloatArray
+) -> tuple[FloatArray, SlidingCheck]:
+    """Part of a motion that supports leave, ‖d‖ = 1, and its laws beside forces under a load."""
+    motion = contacts.admissible(motion)
+    unit = motion / np.linalg.norm(motion)
+    return unit, check_sliding(contacts, load, forces, unit)
 
 
 def _first_state(
@@ -423,20 +443,6 @@ def _first_state(
             break
         pressed = 0.5 * (pressed + result.forces[:, 0])
     return result
-
-
-def _judged(
-    contacts: FrictionalContacts,
-    forces: FloatArray,
-    motion: FloatArray,
-    loading: tuple[FloatArray, FloatArray, float],
-) -> SlidingCollapse:
-    """Multiply a state out under dead + α live."""
-    dead, live, factor = loading
-    motion = contacts.admissible(motion)
-    unit = motion / np.linalg.norm(motion)
-    check = check_sliding(contacts, dead + factor * live, forces, unit)
-    return SlidingCollapse(factor, np.inf, forces, unit, check, 0, "")
 
 
 def _least_dissipation(
@@ -473,120 +479,45 @@ def _least_dissipation(
     return np.asarray(solution.x)[:rows]
 
 
-def _stopped_words(programs: int) -> str:
-    return (
-        f"not decided (limit of work): no certified sliding state after {programs} linear programs"
-    )
+def sliding_state(system: RigidSystem, found: SlidingCollapse, problem: Reduced) -> dict[str, Any]:
+    """Forces at contacts, motion and loads of blocks about their centroids, in space.
 
-
-def _status(found: SlidingCollapse) -> str:
-    if found.certified:
-        beyond = f"associated limit load factor {found.associated:.6g}"
-        if np.isinf(found.associated):
-            beyond = "with associated friction unbounded"
-        least = "a local minimum"
-        if found.stopped:
-            least = f"the search for a smaller one stopped at the limit of work, {found.programs} "
-            least += "linear programs"
-        return (
-            f"slides without dilation from load factor {found.factor:.6g} on (certified; {least}); "
-            f"{beyond}"
-        )
-    if found.stopped:
-        return _stopped_words(found.programs)
-    return (
-        f"no certified non-associated sliding state: the best violates a law by "
-        f'{found.check.largest if found.check else np.nan:.1e}; try `friction_law` = "pyramid" '
-        "or another friction"
-    )
-
-
-# ---------------------------------------------------------------------------------------------
-# The state as data, so that another program can multiply it out
-
-
-@dataclass(frozen=True)
-class SlidingState:
-    """A state of sliding in space: what is needed to multiply out every law again."""
-
-    block_m: IntArray
-    """One block of each contact, (n_contacts,)."""
-    block_s: IntArray
-    """The other one, (n_contacts,)."""
-    points: FloatArray
-    """(n_contacts, 3) [mm]."""
-    normals: FloatArray
-    """From m to s, (n_contacts, 3)."""
-    forces: FloatArray
-    """On block s, (n_contacts, 3) [N]."""
-    blocks: IntArray
-    """Numbers of the free blocks, (n_free,)."""
-    centroids: FloatArray
-    """Theirs, (n_free, 3) [mm]."""
-    motion: FloatArray
-    """Displacement [mm] and rotation [rad] about the centroids, to any scale; (n_free, 6)."""
-    dead: FloatArray
-    """Force and moment about the centroids, (n_free, 6) [N, N mm]."""
-    live: FloatArray
-    """The same of the live load, whose factor is `SlidingCollapse.factor`."""
-
-    def as_json(self) -> dict[str, Any]:
-        """Return plain data: forces at contacts, motion and loads of blocks."""
-        contacts = [
-            {
-                "blocks": [int(self.block_m[k]), int(self.block_s[k])],
-                "point": self.points[k].tolist(),
-                "normal": self.normals[k].tolist(),
-                "force": self.forces[k].tolist(),
-            }
-            for k in range(len(self.block_m))
-        ]
-        blocks = [
-            {
-                "block": int(number),
-                "centroid": self.centroids[k].tolist(),
-                "displacement": self.motion[k, :3].tolist(),
-                "rotation": self.motion[k, 3:].tolist(),
-                "dead_force": self.dead[k, :3].tolist(),
-                "dead_moment": self.dead[k, 3:].tolist(),
-                "live_force": self.live[k, :3].tolist(),
-                "live_moment": self.live[k, 3:].tolist(),
-            }
-            for k, number in enumerate(self.blocks)
-        ]
-        return {"contacts": contacts, "blocks": blocks}
-
-
-def sliding_state(
-    system: RigidSystem, found: SlidingCollapse, plane: PlaneProblem | None
-) -> SlidingState | None:
-    """Forces and motion in space of what was found there or in a plane; None without a motion."""
+    From forces of a problem and motion in space; empty without a motion. Forces act on block s
+    [N], the motion has any scale [mm, rad].
+    """
     if found.mechanism is None:
-        return None
+        return {}
     contacts, interfaces = system.contacts, system.blocks.interfaces
-    kept = np.arange(len(contacts.index)) if plane is None else plane.kept
-    index = contacts.index[kept]
+    kept, index = problem.kept, contacts.index[problem.kept]
     points, normals = interfaces.centroids[index], interfaces.normals[index]
-    if plane is None:
-        forces = system.frictional.world(found.forces, normals)
-    else:
+    forces = problem.contacts.world(found.forces, normals)
+    if problem.behind is not None:
         # Contacts on one face carry the forces of both, mirror images of each other: these act
         # half way between, and what points out of the plane cancels.
-        points = points + 0.5 * plane.behind
-        out = plane.behind / np.linalg.norm(plane.behind)
-        forces = plane.contacts.world(found.forces, normals)
+        points = points + 0.5 * problem.behind
+        out = problem.behind / np.linalg.norm(problem.behind)
         forces = forces - (forces @ out)[:, None] * out
-    motion = found.mechanism.reshape(-1, 6) / np.repeat([1.0, contacts.length], 3)
     free, weight = contacts.free_blocks, system.stated.rigid_weight
-    return SlidingState(
-        block_m=contacts.block_m[kept],
-        block_s=contacts.block_s[kept],
-        points=points,
-        normals=normals,
-        forces=forces,
-        blocks=free,
-        centroids=system.blocks.centroids[free],
-        motion=motion,
-        dead=np.zeros((len(free), 6)) if weight is None else weight[free],
-        live=system.stated.rigid_load.wrenches[free],
-    )
+    motion = found.mechanism.reshape(-1, 6) / np.repeat([1.0, contacts.length], 3)
+    dead = np.zeros((len(free), 6)) if weight is None else weight[free]
+    live = system.stated.rigid_load.wrenches[free]
+    blocks = np.column_stack([contacts.block_m[kept], contacts.block_s[kept]])
+    return {
+        "contacts": _table(blocks=blocks, point=points, normal=normals, force=forces),
+        "blocks": _table(
+            block=free,
+            centroid=system.blocks.centroids[free],
+            displacement=motion[:, :3],
+            rotation=motion[:, 3:],
+            dead_force=dead[:, :3],
+            dead_moment=dead[:, 3:],
+            live_force=live[:, :3],
+            live_moment=live[:, 3:],
+        ),
+    }
+
+
+def _table(**columns: np.ndarray[Any, Any]) -> list[dict[str, Any]]:
+    """Rows of a table as plain data."""
+    lists = [column.tolist() for column in columns.values()]
+    return [dict(zip(columns, row, strict=True)) for row in zip(*lists, strict=True)]

@@ -13,15 +13,11 @@ import numpy as np
 
 from geometry.mesh import FloatArray
 from geometry.parts.rows import Part, Row
-from mbd.friction.equilibrium import (
-    CollapseLoad,
-    RigidFrictionError,
-    by_block,
-    collapse_load,
-)
+from mbd.friction.equilibrium import CollapseLoad, by_block, collapse_load
 from mbd.friction.squeeze import Squeeze
 from mbd.frictionless.equilibrium import Equilibrium
-from mbd.limits.force_range import ForceRanges, PlaneProblem, force_ranges, plane_problem
+from mbd.limits.force_range import ForceRanges, force_ranges
+from mbd.limits.plane import Reduced, reduced
 from mbd.limits.pushes import Margin, interlocking_margin
 from mbd.limits.sliding_collapse import SlidingCollapse, sliding_collapse, sliding_state
 from mbd.results.motion import motion_of_blocks, placed_motion
@@ -117,33 +113,21 @@ def _collapse(system: RigidSystem) -> CollapseLoad:
     return replace(found, status=f"{found.status}: {motion.words}")
 
 
-def _plane(system: RigidSystem, *loads: FloatArray) -> PlaneProblem | None:
-    """Return the problem in the plane in which blocks and loads lie; None: there is none."""
-    for axis in range(3):
-        try:
-            plane = plane_problem(system.blocks, system.contacts, system.frictional, axis)
-            for load in loads:
-                plane.load(load)
-        except RigidFrictionError:
-            continue
-        return plane
-    return None
+def _reduced(system: RigidSystem, *loads: FloatArray) -> Reduced:
+    return reduced(system.blocks, system.contacts, system.frictional, *loads)
 
 
 def _sliding(system: RigidSystem) -> SlidingCollapse:
     """Collapse by sliding without dilation, in the plane where the problem is plane."""
     system.tell("collapse by sliding without dilation")
     loads, progress = (system.dead, system.live), system.counting("sliding collapse")
-    plane = _plane(system, *loads)
-    if plane is None:
-        result = sliding_collapse(system.frictional, *loads, progress=progress)
-    else:
-        result = sliding_collapse(plane.contacts, *map(plane.load, loads), progress=progress)
-        if result.mechanism is not None:
-            rows = np.zeros(len(system.force))
-            rows[plane.rows] = result.mechanism
-            result = replace(result, mechanism=rows)
-    return replace(result, state=sliding_state(system, result, plane))
+    problem = _reduced(system, *loads)
+    dead, live = (load[problem.rows] for load in loads)
+    result = sliding_collapse(problem.contacts, dead, live, progress=progress)
+    if result.mechanism is not None:
+        motion = problem.motion(result.mechanism, len(system.force))
+        result = replace(result, mechanism=motion)
+    return replace(result, state=sliding_state(system, result, problem))
 
 
 def _ranges(system: RigidSystem) -> ForceRanges | None:
@@ -154,8 +138,7 @@ def _ranges(system: RigidSystem) -> ForceRanges | None:
 
     find = partial(force_ranges, system.contacts, system.force, progress=progress)
     if system.balance is not None:
-        shown, plane = system.balance.forces[:, 0], _plane(system, system.force)
-        return find(shown, frictional=system.frictional, plane=plane)
+        return find(system.balance.forces[:, 0], frictional=_reduced(system, system.force))
     return find(system.frictionless.forces) if system.frictionless.holds else None
 
 

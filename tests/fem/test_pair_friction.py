@@ -25,6 +25,7 @@ from geometry.parts.pairs import pair_values
 from mbd import contact_jacobian
 from mbd.friction.equilibrium import collapse_load, frictional_contacts
 from mbd.limits.force_range import force_ranges
+from mbd.limits.plane import in_space
 from mbd.limits.sliding_collapse import sliding_collapse
 from mbd.options import FrictionLaw
 from tests.support.coarse_tubes import ring
@@ -76,7 +77,9 @@ def test_rigid_dice_are_pushed_by_their_own_friction(law: FrictionLaw, rough: fl
         assert found.factor == pytest.approx(mu, abs=1e-6)
         slid = sliding_collapse(frictional, dead, live)
         assert slid.factor == pytest.approx(mu, abs=1e-6)
-    ranges = force_ranges(contacts, dead, np.full(len(contacts.index), 0.1), frictional=frictional)
+    ranges = force_ranges(
+        contacts, dead, np.full(len(contacts.index), 0.1), frictional=in_space(frictional)
+    )
     assert ranges.least == pytest.approx([1.0, 1.0], abs=1e-6)
 
 

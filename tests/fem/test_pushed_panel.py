@@ -20,6 +20,7 @@ from geometry.parts.placed import AssemblyError
 from mbd import contact_jacobian
 from mbd.friction.equilibrium import frictional_contacts, frictional_equilibrium
 from mbd.limits.force_range import force_ranges
+from mbd.limits.plane import in_space
 from tests.support.commands import command
 from validation import Case, load_case, solve
 
@@ -85,7 +86,7 @@ def test_joint_forces_lie_within_the_ranges_of_rigid_blocks(squeezed: State) -> 
     force = contacts.rows(load.wrenches)
     cones = frictional_contacts(faces, contacts, FRICTION)
     shown = frictional_equilibrium(cones, force).forces[:, 0]
-    ranges = force_ranges(contacts, force, shown, frictional=cones)
+    ranges = force_ranges(contacts, force, shown, frictional=in_space(cones))
 
     state = squeezed.contact_state
     found = np.array(

@@ -17,7 +17,8 @@ from geometry.polyhedra.assembly import PolyhedralAssembly, polyhedral_assembly
 from mbd import contact_jacobian
 from mbd.friction.equilibrium import FrictionLaw, frictional_contacts, frictional_equilibrium
 from mbd.frictionless.equilibrium import newton_equilibrium
-from mbd.limits.force_range import ForceRanges, force_ranges, plane_problem
+from mbd.limits.force_range import ForceRanges, force_ranges
+from mbd.limits.plane import in_space, reduced
 from tests.support.commands import command
 from tests.verification.closed_forms import body_force
 
@@ -95,7 +96,7 @@ def test_friction_widens_every_range() -> None:
     without = _ranges(wall, load)
     frictional = frictional_contacts(wall, contacts, 0.5)
     shown = frictional_equilibrium(frictional, load).forces[:, 0]
-    found = force_ranges(contacts, load, shown, frictional=frictional)
+    found = force_ranges(contacts, load, shown, frictional=in_space(frictional))
     assert found is not None
     slack = 1e-6 * found.load
     assert (found.least <= without.least + slack).all()
@@ -110,7 +111,7 @@ def test_arch_ranges_are_thrust_lines() -> None:
     contacts, load = contact_jacobian(arch), body_force(arch, DOWN)
     frictional = frictional_contacts(arch, contacts, 0.8)
     shown = frictional_equilibrium(frictional, load).forces[:, 0]
-    found = force_ranges(contacts, load, shown, frictional=frictional)
+    found = force_ranges(contacts, load, shown, frictional=in_space(frictional))
     assert found is not None
     np.testing.assert_allclose(found.least, found.least[::-1], rtol=1e-5)
     np.testing.assert_allclose(found.largest, found.largest[::-1], rtol=1e-5)
@@ -125,9 +126,10 @@ def test_ranges_in_the_plane_are_those_in_space() -> None:
     contacts, load = contact_jacobian(wall), body_force(wall, DOWN + 0.1 * np.eye(3)[0])
     frictional = frictional_contacts(wall, contacts, 0.5, FrictionLaw.PYRAMID)
     shown = frictional_equilibrium(frictional, load).forces[:, 0]
-    plane = plane_problem(wall, contacts, frictional, axis=1)
-    space = force_ranges(contacts, load, shown, frictional=frictional)
-    flat = force_ranges(contacts, load, shown, frictional=frictional, plane=plane)
+    plane = reduced(wall, contacts, frictional, load)
+    assert len(plane.rows) == 3 * len(contacts.free_blocks)
+    space = force_ranges(contacts, load, shown, frictional=in_space(frictional))
+    flat = force_ranges(contacts, load, shown, frictional=plane)
     assert space is not None
     assert flat is not None
     slack = 1e-6 * space.load
@@ -142,7 +144,7 @@ def test_the_solver_prints_nothing(capfd: pytest.CaptureFixture[str]) -> None:
     contacts, load = contact_jacobian(arch), body_force(arch, DOWN)
     frictional = frictional_contacts(arch, contacts, 0.8)
     shown = frictional_equilibrium(frictional, load).forces[:, 0]
-    assert force_ranges(contacts, load, shown, frictional=frictional) is not None
+    assert force_ranges(contacts, load, shown, frictional=in_space(frictional)) is not None
     assert capfd.readouterr() == ("", "")
 
 
@@ -153,7 +155,7 @@ def test_ranges_are_those_of_programs_from_scratch() -> None:
     mu = 0.5
     frictional = frictional_contacts(wall, contacts, mu, FrictionLaw.PYRAMID)
     shown = frictional_equilibrium(frictional, load).forces[:, 0]
-    found = force_ranges(contacts, load, shown, frictional=frictional)
+    found = force_ranges(contacts, load, shown, frictional=in_space(frictional))
     assert found is not None
     n = frictional.n_contacts
     sides = np.array([[-mu, 1, 1], [-mu, 1, -1], [-mu, -1, 1], [-mu, -1, -1]])

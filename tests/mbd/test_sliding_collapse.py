@@ -5,19 +5,22 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from geometry.families.masonry import RunningBondWall, wall_of_rows
+from fem import CoulombFriction
+from geometry.families.masonry import RunningBondWall, box, wall_of_rows
+from geometry.loads import LoadCase
 from geometry.parts.placed import AssemblyError
-from geometry.polyhedra.assembly import PolyhedralAssembly
-from mbd import contact_jacobian
+from geometry.polyhedra.assembly import PolyhedralAssembly, polyhedral_assembly
+from geometry.polyhedra.polyhedron import convex_polyhedron
+from mbd import Rigid, analyse, contact_jacobian
 from mbd.friction.equilibrium import (
     FrictionalContacts,
-    RigidFrictionError,
     collapse_load,
     frictional_contacts,
     frictional_equilibrium,
 )
-from mbd.limits.force_range import plane_problem
+from mbd.limits.plane import reduced
 from mbd.limits.sliding_collapse import check_sliding, sliding_collapse
+from mbd.system import Stated
 from tests.verification.closed_forms import body_force, incline
 from tests.verification.printed_numbers import (
     ARCH_OF_27,
@@ -59,8 +62,8 @@ def test_walls_of_ferris_and_tin_loi(name: str) -> None:
     problem, assembly = wall(name)
     contacts, mechanism = problem.contacts, found.mechanism
     assert mechanism is not None
-    load = problem.load(body_force(assembly, DOWN + found.factor * ASIDE))
-    live = problem.load(body_force(assembly, ASIDE))
+    load = body_force(assembly, DOWN + found.factor * ASIDE)[problem.rows]
+    live = body_force(assembly, ASIDE)[problem.rows]
     slip = (contacts.matrix.T @ mechanism).reshape(-1, 3)
     pressure, shear = found.forces[:, 0], np.linalg.norm(found.forces[:, 1:], axis=1)
     assert np.linalg.norm(contacts.matrix @ found.forces.ravel() + load) <= 1e-9 * np.linalg.norm(
@@ -83,7 +86,7 @@ def test_walls_of_ferris_and_tin_loi(name: str) -> None:
 
 def test_the_associated_motion_does_not_pass_as_one_without_dilation() -> None:
     problem, assembly = wall("W1")
-    dead, live = (problem.load(body_force(assembly, way)) for way in (DOWN, ASIDE))
+    dead, live = (body_force(assembly, way)[problem.rows] for way in (DOWN, ASIDE))
     found = collapse_load(problem.contacts, dead, live)
     assert found.mechanism is not None
     check = check_sliding(
@@ -112,18 +115,43 @@ def test_plane_problem_has_the_factors_of_the_problem_in_space() -> None:
     assembly = RunningBondWall((240.0, 115.0, 71.0), 2, 2).build()
     contacts = contact_jacobian(assembly)
     space = frictional_contacts(assembly, contacts, 0.7)
-    plane = plane_problem(assembly, contacts, space, axis=1)
     dead, live = body_force(assembly, DOWN), body_force(assembly, ASIDE)
+    plane = reduced(assembly, contacts, space, dead, live)
+    assert 2 * plane.contacts.n_contacts == space.n_contacts
     solid = sliding_collapse(space, dead, live)
-    flat = sliding_collapse(plane.contacts, plane.load(dead), plane.load(live))
+    flat = sliding_collapse(plane.contacts, dead[plane.rows], live[plane.rows])
     assert solid.certified
     assert flat.certified
     assert flat.associated == pytest.approx(solid.associated, rel=1e-7)
     assert flat.factor == pytest.approx(solid.factor, rel=1e-7)
-    with pytest.raises(RigidFrictionError, match="out of the plane"):
-        plane.load(body_force(assembly, np.array([0.0, 1.0, 0.0])))
-    with pytest.raises(RigidFrictionError, match="two flat faces"):
-        plane_problem(assembly, contacts, space, axis=0)
+
+
+@pytest.mark.parametrize("back", [(30.0, 70.0), (0.0, 40.0)], ids=["mirrored", "skewed"])
+def test_a_foot_that_narrows_to_the_back_tips_about_its_slanted_side(
+    back: tuple[float, float],
+) -> None:
+    """Its contacts lie on two flat faces, but not one behind the other: no problem in a plane.
+
+    The foot is 100 wide in front, 40 at the back and 100 deep. α tips it about its right side,
+    whose line is x(y) beside the centroid: α h = x(ȳ) - x̄ with h half the height.
+    """
+    foot = [(0.0, 0.0), (100.0, 0.0), (back[1], 100.0), (back[0], 100.0)]
+    shape = convex_polyhedron("foot", [[x, y, z] for x, y in foot for z in (0.0, 400.0)])
+    floor = box((300.0, 300.0, 20.0))
+    places = [
+        (floor, np.eye(3), np.array([-100.0, -100.0, -20.0])),
+        (shape, np.eye(3), np.zeros(3)),
+    ]
+    assembly = polyhedral_assembly("foot", places, np.array([True, False]))
+    middle, (dead, live) = assembly.centroids[1], np.zeros((2, 2, 6))
+    dead[:, 2], live[:, 0] = -assembly.volumes, assembly.volumes
+    aside = LoadCase(assembly, "aside", (), assembly.fixed, body_wrenches=live)
+    stated = Stated(assembly, aside, dead, CoulombFriction(3.0))
+    found = analyse(stated, Rigid(sliding=True, collapse=True)).details.parts
+    side = 100.0 + (back[1] - 100.0) * middle[1] / 100.0
+    assert found["sliding"].certified
+    assert found["sliding"].factor == pytest.approx((side - middle[0]) / middle[2], rel=1e-6)
+    assert found["collapse"].factor == pytest.approx(found["sliding"].factor, rel=1e-6)
 
 
 def test_loads_that_friction_never_lets_slide_are_said_to_be() -> None:

@@ -19,6 +19,7 @@ from mbd import MechanismClass, analyse, contact_jacobian
 from mbd.contacts.supports import RigidSupportError
 from mbd.friction.equilibrium import collapse_load, frictional_contacts, frictional_equilibrium
 from mbd.limits.force_range import force_ranges
+from mbd.limits.plane import in_space
 from mbd.limits.pushes import Pushes, interlocking_margin
 from mbd.limits.sliding_collapse import sliding_collapse
 from mbd.system import RigidSystem, Stated
@@ -189,7 +190,7 @@ def test_friction_limits_and_ranges_count_rollers():
     assert sliding.certified
     assert sliding.factor == pytest.approx(mu * weight, rel=1e-5)
     shown = frictional_equilibrium(frictional, force).forces[:, 0]
-    ranges = force_ranges(contacts, force, shown, frictional=frictional)
+    ranges = force_ranges(contacts, force, shown, frictional=in_space(frictional))
     np.testing.assert_allclose([ranges.least[0], ranges.largest[0]], weight, rtol=1e-5)
 
 

@@ -28,6 +28,7 @@ from mbd.friction.equilibrium import frictional_contacts, frictional_equilibrium
 from mbd.friction.squeeze import squeeze
 from mbd.frictionless.equilibrium import newton_equilibrium
 from mbd.limits.force_range import force_ranges
+from mbd.limits.plane import in_space
 from mbd.limits.pushes import interlocking_margin
 from mbd.limits.sliding_collapse import sliding_collapse
 from mbd.programs import Work
@@ -101,11 +102,11 @@ def test_ranges_known_at_the_limit_are_those_without_one(wall) -> None:
     assembly, contacts, frictional = wall
     load = body_force(assembly, DOWN)
     shown = newton_equilibrium(contacts.jacobian, load).forces
-    every = force_ranges(contacts, load, shown, frictional=frictional)
+    every = force_ranges(contacts, load, shown, frictional=in_space(frictional))
     assert every is not None
     assert every.unanswered == 0
     # All least forces and no largest one: HiGHS needs some iterations for each.
-    few = force_ranges(contacts, load, shown, frictional=frictional, limit=2e5 * EACH)
+    few = force_ranges(contacts, load, shown, frictional=in_space(frictional), limit=2e5 * EACH)
     assert few is not None
     assert 0 < few.unanswered <= len(few.least)
     assert few.unanswered == np.isnan(few.width).sum()
@@ -117,7 +118,7 @@ def test_ranges_known_at_the_limit_are_those_without_one(wall) -> None:
 def test_a_search_for_sliding_says_where_it_stopped() -> None:
     """No smaller factor than the one it starts from, which the whole search finds."""
     problem, assembly = printed_numbers.wall("W1")
-    loads = [problem.load(body_force(assembly, way)) for way in (DOWN, ASIDE)]
+    loads = [body_force(assembly, way)[problem.rows] for way in (DOWN, ASIDE)]
     found = sliding_collapse(problem.contacts, *loads, limit=EACH)
     assert found.stopped
     assert f"limit of work, {found.programs} linear programs" in found.status

@@ -17,7 +17,7 @@ from geometry import CircularArch, PolyhedralAssembly
 from geometry.families.masonry import wall_of_rows
 from mbd import contact_jacobian
 from mbd.friction.equilibrium import collapse_load, frictional_contacts, frictional_equilibrium
-from mbd.limits.force_range import PlaneProblem, plane_problem
+from mbd.limits.plane import Reduced, reduced
 from mbd.limits.sliding_collapse import SlidingCollapse, sliding_collapse
 from tests.verification.closed_forms import bisect, body_force, incline
 
@@ -46,18 +46,18 @@ ARCH_OF_27 = 0.106721
 _DOWN, _ASIDE = np.array([0.0, 0.0, -1.0]), np.array([1.0, 0.0, 0.0])
 
 
-def wall(name: str) -> tuple[PlaneProblem, PolyhedralAssembly]:
+def wall(name: str) -> tuple[Reduced, PolyhedralAssembly]:
     """One of `WALLS` as a plane problem, and its blocks."""
     assembly = wall_of_rows(BRICK, WALLS[name])
     contacts = contact_jacobian(assembly)
     frictional = frictional_contacts(assembly, contacts, WALL_FRICTION)
-    return plane_problem(assembly, contacts, frictional, axis=1), assembly
+    return reduced(assembly, contacts, frictional), assembly
 
 
 def wall_factors(name: str) -> SlidingCollapse:
     """Collapse factors of a wall, with dilation (``associated``) and without (``factor``)."""
     problem, assembly = wall(name)
-    dead, live = (problem.load(body_force(assembly, way)) for way in (_DOWN, _ASIDE))
+    dead, live = (body_force(assembly, way)[problem.rows] for way in (_DOWN, _ASIDE))
     return sliding_collapse(problem.contacts, dead, live)
 
 
