@@ -29,6 +29,7 @@ from validation.scene.sections import LimitsSection, PicturesSection
 
 if TYPE_CHECKING:
     from fem.problem import Problem
+    from geometry.answer import Answer
     from geometry.assembly import Assembly
     from geometry.polyhedra.options import DetectionOptions
 
@@ -38,26 +39,24 @@ Method: TypeAlias = Rigid | Static | Explicit
 Settings: TypeAlias = Mapping[str, Any] | Sequence[str]
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class Case:
     """A problem and a method: what `validation.solve` answers.
 
-    ``Case(name="mine", stated=problem, method=Rigid())`` is one of a problem made in Python.
+    ``Case(problem, Rigid())`` is one of a problem made in Python; `load_case` reads that of a
+    scene, whose problem is compiled when it is first asked for.
     """
 
-    name: str
-    """Name of the built-in scene or stem of the file."""
+    stated: Problem | None
+    """The problem, where it is made already; None: it is compiled from the scene."""
     method: Method
     """How it is answered; of a scene its ``[fem]``, unless `with_method` says another."""
-    stated: Problem | None = None
-    """The problem, where it is made already; None: it is compiled from the scene."""
+    name: str = "problem"
+    """Name of the built-in scene or stem of the file."""
     source: DeformableScene | None = None
-    """Checked scene that the case is compiled from; None: its problem was made in Python."""
+    """Checked scene that it is compiled from; None: its problem was made in Python."""
     file: Path | None = None
     """File that the scene was read from; None: it is built in, or a problem."""
-    blocks: Assembly | None = None
-    """Hexahedral blocks of a case with the same blocks and mesh, taken by rigid-block analysis;
-    None: they are built."""
 
     def __repr__(self) -> str:
         """Name and method."""
@@ -65,7 +64,7 @@ class Case:
 
     @property
     def scene(self) -> DeformableScene:
-        """The scene that it is compiled from.
+        """The scene, whose keys `changed` and studies vary.
 
         Raises
         ------
@@ -90,13 +89,30 @@ class Case:
         InputError
             A scene that cannot be built.
         """
-        if self.stated is not None:
-            return self.stated
+        return self._compiled(None) if self.stated is None else self.stated
+
+    def _compiled(self, known: Assembly | None) -> Problem:
+        """The problem of its scene; ``known`` are blocks that are built already."""
         from validation.build.problem import rigid_problem, scene_problem
 
         if isinstance(self.method, Rigid):
-            return rigid_problem(self.scene, self.name, self.blocks)
+            return rigid_problem(self.scene, self.name, known)
         return scene_problem(self.scene, self.name)
+
+    def on(self, blocks: Assembly) -> Case:
+        """Return the case of rigid blocks on those of another case with the same keys of blocks."""
+        return replace(self, stated=self._compiled(blocks))
+
+    def told(self, answer: Answer, built: dict[str, float]) -> Answer:
+        """Return an answer to it with what only its scene knows: title, load, sections, notes.
+
+        ``built`` are the times of what was done before it was solved [s].
+        """
+        if self.source is None:
+            return answer
+        from validation.build.problem import told
+
+        return told(self.source, self.name, answer, built)
 
     def check(self) -> Problem:
         """Return the problem, of which everything is rejected here that its method cannot answer.
@@ -136,7 +152,7 @@ class Case:
     @property
     def load_words(self) -> str:
         """The load with its size."""
-        return self.scene.load_words
+        return self.problem.load_case.name if self.source is None else self.source.load_words
 
     @property
     def pictures(self) -> PicturesSection:
@@ -258,7 +274,7 @@ class Case:
         """Return the case with another scene, checked as one of a file, and its kind of method."""
         require_plausible(scene, self.name)
         method = scene.rigid_method if isinstance(self.method, Rigid) else scene.method
-        return replace(self, source=scene, method=method, stated=None, blocks=None)
+        return replace(self, source=scene, method=method, stated=None)
 
     def with_method(self, method: Method | str) -> Case:
         """Return the case with another method, or with "rigid", "static" or "explicit" as stated.
@@ -323,7 +339,7 @@ def load_case(
     scene = check_scene(apply_overrides(data, settings_words(settings)), text)
     scene = scene.located(path.parent)
     own = path if path.is_file() else None
-    case = Case(name=name, source=scene, method=scene.method, file=own)
+    case = Case(None, scene.method, name, scene, own)
     return case if method is None else case.with_method(method)
 
 

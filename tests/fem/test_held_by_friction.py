@@ -93,4 +93,4 @@ def test_a_problem_made_in_python_is_refused_alike(monkeypatch: pytest.MonkeyPat
     problem = _pile(3.0, 0.3).problem
     monkeypatch.setattr(statics, "static_state", _solver_called)
     with pytest.raises(InputError, match=r"^mine: no static state: block 1 slides on block 0"):
-        solve(Case(name="mine", stated=problem, method=Static(mesh="scene")))
+        solve(Case(problem, Static(mesh="scene"), "mine"))

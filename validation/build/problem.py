@@ -1,22 +1,29 @@
-"""Deformable blocks of a scene: law, friction, load, and the statement that every method takes."""
+"""From a scene to its problem, and from the answer to words that only the scene knows."""
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass, replace
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from fem.contact.friction import CoulombFriction
 from fem.contact.law import ContactLaw
 from fem.contact.pair_laws import PairLaws
+from fem.element.hexahedron import ElementType
 from fem.method import Static
 from fem.problem import Frames, Problem
+from geometry.answer import Answer
 from geometry.assembly import Assembly
+from geometry.compilation.clocks import summed
 from geometry.loads import CASES, LoadCase
+from geometry.machine.system import peak_memory_mb
 from geometry.machine.work import LimitError, budget
 from geometry.parts.block_selection import chosen_blocks
-from geometry.parts.measures import Planes, planes
+from geometry.parts.measures import Planes, SectionError, planes
 from geometry.parts.placed import AnyBlocks
+from geometry.parts.rows import Notes, Part, Row, grouped
 from validation.build.materials import build_materials, friction_of_pairs, laws_of_pairs
 from validation.build.supports import held_at_faces, stands_on_a_face, stated_load
 from validation.errors import InputError, named
@@ -25,8 +32,12 @@ from validation.scene.deformable import (
     Method,
 )
 from validation.scene.family import AssemblyScene, RoundScene, round_types
-from validation.scene.polyhedra import PolyhedralScene
+from validation.scene.keys.idle import KeyUse
+from validation.scene.polyhedra import STRAIGHT_EDGES, PolyhedralScene
 from validation.scene.read import DeformableScene, check_block_size, too_large_to_deform
+
+if TYPE_CHECKING:
+    from fem.state import State
 
 
 def _refuse(scene: DeformableScene, name: str) -> None:
@@ -247,3 +258,144 @@ def build_cell(scene: DeformableScene, name: str) -> Assembly:
         assembly = tube.build_cell()
         check_block_size(scene, assembly)
     return assembly
+
+
+# ---------------------------------------------------------------------------------------------
+# What a scene adds to an answer: title, load, sections, notes on its blocks
+
+#: Load cases that put the ring of a tube under pressure: the loaded face, and what the ring gets.
+_RINGS = {"pipe": ("inner", "tension"), "tunnel": ("outer", "compression")}
+_OPPOSITE = {"tension": "compression", "compression": "tension"}
+#: Poisson's ratio from which mean stresses oscillate [-]: on TSB1, 24 × 2 × 8 elements, σ₁ of
+#: incompatible modes is then twice that of b-bar (1.2 times at 0.2), 12 times at 0.4999.
+NEARLY_INCOMPRESSIBLE = 0.49
+#: Elements of degree 1 with one mean stress each.
+_MEAN_STRESS = (ElementType.B_BAR, ElementType.REDUCED)
+
+
+def told(scene: DeformableScene, name: str, answer: Answer, built: dict[str, float]) -> Answer:
+    """The answer to a scene with its title, and parts that only the scene knows.
+
+    ``built`` are the times of what was done before it was solved [s].
+    """
+    parts, blocks, rigid = dict[str, Part](), answer.problem.blocks, answer.method == "rigid"
+    about: dict[str, Any] = {
+        "scene": name,
+        "load": scene.load_words,
+        "cpu_seconds": summed({"build": 0.0} | answer.report["cpu_seconds"], built),
+    }
+    if rigid:
+        hoop = _hoop_stress(scene)
+        if hoop is not None:
+            parts["ring_pressure"] = hoop
+        title = f"{name}: {scene.load_words}; {answer.title.removeprefix(f'{blocks.name}: ')}"
+    else:
+        about["peak_memory_mb"] = peak_memory_mb()
+        title = _title(name, scene, answer.details)
+        if "meshes" in answer.parts:
+            title = answer.parts["meshes"].qualified(title)  # type: ignore[attr-defined]
+    notes = dict(_notes(scene, answer))
+    with named(name):
+        try:
+            cut = scene_planes(scene, blocks)
+            if cut is not None:
+                assert answer.cut is not None
+                parts["sections"] = answer.cut(cut)
+        except SectionError as error:
+            if rigid and answer.details.holds:
+                raise
+            notes["sections"] = f"none: {error}"
+    if notes or "notes" in answer.parts:
+        of_solver = answer.parts["notes"].rows if "notes" in answer.parts else []
+        rows = grouped(model=(Row(*note) for note in notes.items()))
+        parts["notes"] = Notes([*of_solver, *rows])
+    keys = KeyUse(scene, answer.method).words.items()
+    parts["keys"] = Notes(grouped(model=(Row(*words) for words in keys)))
+    return replace(answer.beside(parts).with_report(about), title=title)
+
+
+def _notes(scene: DeformableScene, answer: Answer) -> Iterator[tuple[str, str]]:
+    """What no key of the scene says of its blocks and elements, by the name of the row."""
+    rigid = answer.method == "rigid"
+    assembly = answer.details.blocks if rigid else answer.details.deformable.assembly
+    if isinstance(scene, PolyhedralScene):
+        from validation.build.readings import solid_notes
+
+        yield from solid_notes(scene, answer)
+    if rigid:
+        return
+    bodies = answer.details.deformable.bodies
+    ratio = max(body.material.poisson_ratio for body in bodies)
+    if ratio >= NEARLY_INCOMPRESSIBLE and bodies[0].element not in _MEAN_STRESS:
+        yield (
+            "nearly incompressible",
+            f"ν = {ratio:g}: the mean stress oscillates in these elements, and σ₁ and σ₃ with it; "
+            'set fem.element = "b-bar"',
+        )
+    if scene.straightened(assembly):
+        yield "edges", STRAIGHT_EDGES
+    sizes = [shape.tetrahedra for shape in assembly.shapes if shape.tetrahedra is not None]
+    if sizes:
+        to = f" to {max(sizes):.3g}" if max(sizes) > min(sizes) else ""
+        yield (
+            "tetrahedra",
+            f"size {min(sizes):.3g}{to} mm (mesh.size; by default ∛V), each split into four "
+            "hexahedra",
+        )
+
+
+def _title(name: str, scene: DeformableScene, solution: State) -> str:
+    """Scene, load, method and mesh, for pictures."""
+    d, each = solution.deformable, ""
+    solved = d.bodies[0].mesh
+    degree = f" of degree {solved.degree}" if solved.degree > 1 else ""
+    if isinstance(scene, RoundScene):
+        count, what = d.assembly.n_layers, "layer"
+        elements, each = d.bodies[0].mesh.n_elements, " per block"
+    else:
+        count, what, elements = len(d.deformable_blocks), "deformable block", d.n_elements
+    part = f"{count} {what}{'s' if count > 1 else ''}"
+    if d.assembly.image_of is not None:
+        part = "periodic cell"
+    return (
+        f"{name}, {part}: {scene.load_words}; {solution.method} FEM, "
+        f"{elements} elements{degree}{each}{scene.gap_words}"
+    )
+
+
+@dataclass(frozen=True)
+class HoopStress:
+    """Mean hoop stress p·r/t of a closed ring, by hand."""
+
+    value: float
+    """[MPa]"""
+    radius: float
+    """Of the loaded face [mm]."""
+    sense: str
+    """Tension or compression."""
+    unit: str = "MPa"
+
+    @property
+    def rows(self) -> list[Row]:
+        """The stress, with a remark on dry joints."""
+        words = f"{self.value:.5g} MPa, mean hoop {self.sense} of a closed ring, "
+        words += f"r = {self.radius:g} mm"
+        if self.sense == "tension":
+            words += "; dry joints carry no tension: waves and end rings do"
+        return [Row("hoop stress p·r/t", words, self.value, self.unit)]
+
+    def as_json(self) -> dict[str, Any]:
+        """Return plain data."""
+        return asdict(self)
+
+
+def _hoop_stress(scene: object) -> HoopStress | None:
+    """Hoop stress of a tube under pressure; None of all else."""
+    if not isinstance(scene, RoundScene) or scene.load.case not in _RINGS:
+        return None
+    face, sense = _RINGS[scene.load.case]
+    pressure, thickness = scene.load.pressure, scene.thickness
+    radius = float(scene.block.inner_radius)
+    radius += thickness * (face == "outer")
+    sense = sense if pressure >= 0.0 else _OPPOSITE[sense]
+    return HoopStress(abs(pressure) * radius / thickness, radius, sense)

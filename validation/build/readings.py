@@ -2,20 +2,22 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 
+from geometry.answer import Answer
 from geometry.files.readers import left_out
 from geometry.mesh import FloatArray
 from geometry.parts.placed import AnyBlocks
-from geometry.polyhedra.assembly import PolyhedralAssembly
+from geometry.polyhedra.assembly import PolyhedralAssembly, bare_joints
 from geometry.polyhedra.near_joints import facing_surfaces
 from geometry.polyhedra.overlap import largest_tolerance
 from geometry.polyhedra.polyhedron import Polyhedron
-from validation.build.polyhedra import file_solids
+from validation.build.polyhedra import build_polyhedra, file_solids
 from validation.scene.families.mesh import MeshScene
-from validation.scene.polyhedra import PolyhedralScene
+from validation.scene.polyhedra import STRAIGHT_EDGES, PolyhedralScene
 
 #: Part of the facing area that may be without contact unsaid.
 _MISSING = 0.01
@@ -26,7 +28,28 @@ _ASIDE = 0.25
 _LEVEL = 1e-3
 
 
-def doubts(
+def solid_notes(scene: PolyhedralScene, answer: Answer) -> Iterator[tuple[str, str]]:
+    """What an answer says of solids that no key does, by the name of the row."""
+    if answer.method == "rigid":
+        blocks = answer.details.blocks
+        if any(shape.straightened for shape in blocks.shapes):
+            yield "edges", STRAIGHT_EDGES
+        yield from _doubts(scene, blocks, blocks).items()
+        return
+    system = answer.details.deformable
+    surfaces = build_polyhedra(scene) if system.meets else None
+    yield from _doubts(scene, system.assembly, surfaces).items()
+    bare = [] if surfaces is None else bare_joints(surfaces)
+    if bare:
+        m, s = map(system.assembly.named, bare[0])
+        more = f" and {len(bare) - 1} more pairs" if len(bare) > 1 else ""
+        yield (
+            "edge contacts",
+            f"left out: blocks {m} and {s}{more} touch along an edge or at a point alone",
+        )
+
+
+def _doubts(
     scene: PolyhedralScene,
     assembly: AnyBlocks,
     surfaces: PolyhedralAssembly | None,

@@ -56,13 +56,11 @@ class SharedTubes:
         self._built: dict[str, Any] = {}
 
     def solve(self, scene: str, *settings: str) -> Answer:
-        """Answer a scene by rigid blocks, which are built once for all scenes that have the same.
-
-        `Case.blocks` of such an answer are those of another; of one that built its own it is None.
-        """
+        """Answer a scene by rigid blocks, which scenes with the same keys of blocks share."""
         case = load_case(scene, settings, method="rigid")
         sections = repr([case.keys.get(name) for name in ("block", "assembly", "mesh")])
-        answer = solve(replace(case, blocks=self._built.get(sections)))
+        built = self._built.get(sections)
+        answer = solve(case if built is None else case.on(built))
         self._built.setdefault(sections, answer.details.blocks)
         return answer
 

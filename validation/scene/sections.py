@@ -421,13 +421,6 @@ class ContactSection(_LawSection):
     [mm], as the paper's group did: inclined joints open by less or more. Both add up."""
 
     @property
-    def frictionless_pairs(self) -> tuple[ContactPairSection, ...]:
-        """Pairs with a law of their own, without their friction."""
-        return tuple(
-            pair.model_copy(update={"friction": None}) for pair in self.pairs if pair.has_law
-        )
-
-    @property
     def opened(self) -> bool:
         """Whether gaps are to be closed before blocks press on each other."""
         return self.clearance > 0.0 or self.spacing > 0.0

@@ -75,7 +75,7 @@ class SceneStudy(Study):
         if known is None:
             data = apply_overrides(self.scene, _assignments(self.design(number)))
             scene, name = check_scene(data, self.name), f"{self.name}[{number}]"
-            known = Case(name=name, source=scene, method=scene.method)
+            known = Case(None, scene.method, name, scene)
             if len(self._known) < _MOST_KNOWN:
                 self._known[number] = known
         return replace(known)  # what is built for it goes with it

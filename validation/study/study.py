@@ -174,7 +174,7 @@ class FunctionStudy(Study):
     def case(self, number: int) -> Case:
         """Make a problem of the values of a design."""
         stated = self.make(**self.design(number))
-        return Case(name=f"{self.name}[{number}]", stated=stated, method=self.method)
+        return Case(stated, self.method, f"{self.name}[{number}]")
 
 
 def case_content(case: Case) -> list[Any]:

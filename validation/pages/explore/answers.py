@@ -8,7 +8,7 @@ import math
 import tempfile
 import time
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -17,7 +17,7 @@ import numpy as np
 
 from geometry.answer import Answer
 from geometry.errors import RefusedError
-from validation.case import Case
+from validation.case import Case, load_case
 from validation.errors import InputError
 from validation.output.command_files import is_meshed, pictures
 from validation.output.pictures.canvas import View
@@ -145,12 +145,9 @@ def solve_deformable(connection: Any, name: str, data: Mapping[str, Any]) -> Non
     """
     import signal
 
-    from validation.scene.read import check_scene
-
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the server ends this process
     try:
-        scene = check_scene(data, name)
-        file = Case(name=name, source=scene, method=scene.method)
+        file = replace(load_case(data), name=name)
         connection.send(("done", _deformable_shown(file, partial(_send, connection))))
     except RefusedError as error:
         connection.send(("failed", str(error)))

@@ -16,17 +16,16 @@ _GAPS = (EffectName.CLEARANCE, EffectName.SPACING)
 
 
 def has_effect(case: Case, effect: EffectName) -> bool:
-    """Whether the scene of a case has an effect."""
-    scene = case.scene
-    if effect in _GAPS:
-        return bool(getattr(scene.contact, effect) != 0.0)
-    if effect is EffectName.FRICTION and any(pair.friction for pair in scene.contact.pairs):
+    """Whether a case has an effect."""
+    values = case.values
+    if effect is EffectName.FRICTION and any(p["friction"] for p in values["contact.pairs"]):
         return True
-    return bool(getattr(scene.effects, effect))
+    section = "contact" if effect in _GAPS else "effects"
+    return any(on for key, on in values.items() if f"{key}.".startswith(f"{section}.{effect}."))
 
 
 def effects_of(case: Case) -> tuple[EffectName, ...]:
-    """Effects of the scene of a case."""
+    """Effects of a case."""
     return tuple(effect for effect in EffectName if has_effect(case, effect))
 
 
@@ -35,7 +34,8 @@ def without_effect(case: Case, effect: EffectName) -> Case:
     if effect in _GAPS:
         return case.varied({f"contact.{effect}": 0.0})
     if effect is EffectName.FRICTION:
-        pairs = case.scene.contact.frictionless_pairs
+        stated = case.keys.get("contact", {}).get("pairs", ())
+        pairs = [pair | {"friction": None} for pair in stated if "law" in pair]
         return case.varied({"effects.friction": None, "contact.pairs": pairs})
     return case.varied({f"effects.{effect}": False if effect in _SWITCHES else None})
 
