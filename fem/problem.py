@@ -653,7 +653,7 @@ class Problem:
             held_faces,
             held_rows,
         )
-        from fem.system.system import Contact, System, first_nodes
+        from fem.system.system import Contact, System
 
         assembly, load, sliding = self.blocks, self.load_case, self.searches
         if self.degree > 1:
@@ -672,7 +672,6 @@ class Problem:
             assembly, deforms, offsets, self.materials, self.element, held=load.held
         )
         faces = load.held if self.frames is Frames.RIGID else held_faces(assembly, load)
-        first = first_nodes(bodies, group_of, copy_of)
         return System(
             assembly=assembly,
             bodies=bodies,
@@ -681,8 +680,8 @@ class Problem:
             offsets=offsets,
             surfaces=surfaces,
             contact=Contact(self.contact_law, self.normals, self.coulomb, sliding),
-            supports=held_rows(assembly, faces, first),
-            forces=force_rows(assembly, load, first),
+            supports=held_rows(assembly, faces),
+            forces=force_rows(assembly, load, deforms),
             gravity=self.acceleration,
             on_ground=ground_loads(assembly, load, group_of),
         )

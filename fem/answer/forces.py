@@ -73,7 +73,7 @@ def imbalance_of(state: State) -> Imbalance:
     the deformed ones, of second order, is one of the terms.
     """
     whole = state.deformable
-    others, loads = np.zeros((whole.assembly.n_blocks, 6)), whole.forces_in_frames()
+    others, loads = np.zeros((whole.assembly.n_blocks, 6)), whole.expand(whole.external_force)
     acting, needed = np.zeros(whole.assembly.n_blocks), _contact_forces(state, loads)
     centres = whole.assembly.centroids + whole.offsets
     for number, (group, u) in enumerate(zip(whole.bodies, state.displacements, strict=True)):
@@ -106,13 +106,12 @@ def internal_forces(state: State) -> tuple[FloatArray, ...]:
 def _contact_forces(state: State, loads: list[FloatArray]) -> tuple[FloatArray, ...]:
     """What contact has to do to the nodes of each group, (n_copies, n_nodes, 3) [N].
 
-    From the loads on them in block frames (`System.forces_in_frames`).
+    From the loads on them, alike.
     """
     if state.contact_force is not None:
         return tuple(state.system.expand(state.contact_force))
     held, result = state.support_forces, list[FloatArray]()
-    for number, group in enumerate(state.deformable.bodies):
-        load = loads[number] @ group.rotations.transpose(0, 2, 1)
+    for number, load in enumerate(loads):
         force = internal_forces(state)[number] - load
         result.append(force - held[number] if held else force)
     return tuple(result)

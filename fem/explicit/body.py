@@ -223,11 +223,10 @@ def make_body(stated: TimedSystem, number: int, touched_nodes: IntArray | None) 
     group, effects = stated.bodies[number], stated.effects
     lanes = padded_lanes(group.n_copies)
     rows = block_rows(group.stiffness, lanes=lanes)
-    numbers = stated.numbers(number)
-    forces = [load.on(numbers) for load in stated.system.forces]
-    loads = [load for load in forces if len(load.row)]
+    rows_of = [(load, *load.on(stated.starts(number))) for load in stated.system.forces]
+    loads = [of for of in rows_of if len(of[1])]
     more = np.empty(0, np.int64) if touched_nodes is None else touched_nodes
-    touched = np.unique(np.concatenate([more, *(load.row % group.n_nodes for load in loads)]))
+    touched = np.unique(np.concatenate([more, *(row % group.n_nodes for _, row, _ in loads)]))
     applied = _applied_rows(rows, touched)
     centroid = group.lumped_mass @ group.mesh.nodes / group.lumped_mass.sum()
     hourglass = group.hourglass_stiffness
@@ -241,7 +240,7 @@ def make_body(stated: TimedSystem, number: int, touched_nodes: IntArray | None) 
         reference=group.mesh.nodes[rows.order] - centroid,
         applied_row=applied if len(touched) else None,
         n_applied=len(touched),
-        loads=tuple(_body_load(group, rows, applied, lanes, load) for load in loads),
+        loads=tuple(_body_load(group, rows, applied, lanes, of) for of in loads),
         held=_held_lanes(stated, number, rows, lanes),
         acceleration=_lane_gravity(group, effects.gravity, lanes),
         viscosity=None if viscosity is None else element_viscosity(group, rows.row, viscosity),
@@ -265,9 +264,11 @@ def _body_load(
     rows: BlockRows,
     applied: npt.NDArray[np.int32],
     lanes: int,
-    load: ForceRows,
+    of: tuple[ForceRows, IntArray, FloatArray],
 ) -> BodyLoad:
-    copies, nodes = np.divmod(load.row, group.n_nodes)
+    """``of``: a load, its nodes in the loop and the forces on them."""
+    load, numbers, force = of
+    copies, nodes = np.divmod(numbers, group.n_nodes)
     row = rows.row[nodes]
     # Rows of the applied force have the order of the rows: both sort the entries alike.
     velocity, order = runs(_components(row * 3 * lanes + copies, lanes))
@@ -276,8 +277,8 @@ def _body_load(
         amplitude=load.amplitude,
         applied=runs(_components(applied_row * 3 * lanes + copies, lanes))[0],
         velocity=velocity,
-        values=load.force.ravel()[order],
-        following=FollowingForces(load.force, copies, order) if load.follows_block else None,
+        values=force.ravel()[order],
+        following=FollowingForces(force, copies, order) if load.follows_block else None,
     )
 
 
@@ -291,7 +292,7 @@ def _lane_gravity(group: Body, gravity: FloatArray | None, lanes: int) -> LaneAr
 
 def _held_lanes(stated: TimedSystem, number: int, rows: BlockRows, lanes: int) -> HeldLanes | None:
     """Supports of one body; None: none."""
-    group, held = stated.bodies[number], stated.system.supports.on(stated.numbers(number))
+    group, held = stated.bodies[number], stated.system.supports.on(stated.starts(number))
     node, axis = np.nonzero(held.held)
     if not len(node):
         return None

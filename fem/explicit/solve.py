@@ -563,7 +563,7 @@ def _forces_at_end(loop: Loop) -> dict[str, Any]:
         contact.append(world_vectors(body, inner - load_forces(body, time) - held))
     searched, friction = loop.interactions[0].contact(moved) if loop.interactions else (None, None)
     return {
-        "support_forces": tuple(supports) if len(loop.stated.system.supports.row) else (),
+        "support_forces": tuple(supports) if len(loop.stated.system.supports.block) else (),
         "contact_forces": tuple(contact),
         "searched": searched,
         "friction": friction,

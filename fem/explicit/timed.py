@@ -118,13 +118,11 @@ class TimedSystem:
         """Copies of each body that are computed, in the order in which the loop has them."""
         return [self.system.copy_of[blocks] for blocks in self.blocks]
 
-    def numbers(self, number: int) -> IntArray:
-        """Numbers of a body's nodes in the loop, copy after copy, -1 of all others, (n_nodes,)."""
-        of_node = self.system.block_of_node
-        result, n = np.full(len(of_node), -1), self.bodies[number].n_nodes
-        for place, first in enumerate(self.system.first_nodes[self.blocks[number]].tolist()):
-            result[first : first + n] = place * n + np.arange(n)
-        return result
+    def starts(self, number: int) -> IntArray:
+        """First node of a body's copies in the loop, -1 of all other blocks, (n_blocks,)."""
+        starts, blocks = np.full(self.system.assembly.n_blocks, -1), self.blocks[number]
+        starts[blocks] = self.bodies[number].n_nodes * np.arange(len(blocks))
+        return starts
 
     @property
     def n_elements(self) -> int:

@@ -469,7 +469,7 @@ def _residual(problem: StaticProblem, state: Iterate) -> float:
     if problem.free is not None:
         free = problem.free.without(free)
     sizes = [*map(_norm, problem.system.loads), _CONTACT_SHARE * _norm(pressing)]
-    if held.moving:
+    if held.tables:
         least = _least_force(problem, float(np.abs(state.displacement).max()))
         sizes += [_norm(of_supports), least]
     return _norm(free) / (max(sizes) or 1.0)
@@ -521,7 +521,7 @@ def support_forces(problem: StaticProblem, state: Iterate) -> FloatArray:
     forces = -held.part(unbalanced_forces(problem, state)[0])
     least = _NOTHING * _least_force(problem, float(np.abs(state.displacement).max()))
     least += problem.options.tolerance * float(np.linalg.norm(forces))
-    for _, way in held.moving:
+    for way in np.moveaxis(held.ways, 1, 0)[:-1]:
         unit = way / np.maximum(np.linalg.norm(way, axis=1, keepdims=True), 1e-300)
         along = (forces[held.nodes] * unit).sum(axis=1, keepdims=True)
         if float(np.abs(along).sum()) <= least:

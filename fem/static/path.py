@@ -294,11 +294,11 @@ def points_of(stages: Sequence[System], options: StaticOptions) -> list[Point]:
                 friction=number == 0,
             )
         ]
-    moving = system.held.moving
+    moving = system.held.tables
     requested = load_factors(parts, friction=system.has_friction)
     if not moving or steps is None:
         return [Point(factor) for factor in requested]
-    tables = [np.array(share.times) for share, _ in moving if isinstance(share, TabularAmplitude)]
+    tables = [np.array(share.times) for share in moving if isinstance(share, TabularAmplitude)]
     end = max((float(times[-1]) for times in tables), default=1.0)
     times = np.unique(np.concatenate([end * np.arange(1, steps + 1) / steps, *tables]))
     loads = [Point(factor, 0.0) for factor in requested] if system.external_force.any() else []

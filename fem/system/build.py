@@ -34,7 +34,7 @@ from fem.system.forces import (
     traction_forces,
     wrench_forces,
 )
-from fem.system.held import Held, held_at, joined_rows
+from fem.system.held import HeldRows, held_at, joined_rows
 from fem.system.springs import Springs, springs_on
 from geometry.assembly import Assembly
 from geometry.errors import RefusedError
@@ -261,19 +261,16 @@ def _face_forces(assembly: Assembly, load: LoadCase, block: int) -> FloatArray |
     return forces
 
 
-def force_rows(assembly: Assembly, load: LoadCase, first: IntArray) -> tuple[ForceRows, ...]:
-    """Loads of the blocks that deform; pressures that turn with their blocks come last.
-
-    ``first`` are the first nodes of the blocks, -1 of rigid ones, (n_blocks,).
-    """
+def force_rows(assembly: Assembly, load: LoadCase, deforms: BoolArray) -> tuple[ForceRows, ...]:
+    """Loads of the blocks that deform (n_blocks,); pressures that turn with them come last."""
     turning = tuple(face for face in load.faces if _turns(face))
     if not turning:
-        return _dead_loads(assembly, load, first)
+        return _dead_loads(assembly, load, deforms)
     dead = replace(load, faces=tuple(face for face in load.faces if not _turns(face)))
     alone = replace(load, faces=turning, body_wrenches=None, lines=(), nodes=())
-    follow = _dead_loads(assembly, alone, first)
+    follow = _dead_loads(assembly, alone, deforms)
     turned = (replace(part, follows_block=True) for part in follow)
-    return (*_dead_loads(assembly, dead, first), *turned)
+    return (*_dead_loads(assembly, dead, deforms), *turned)
 
 
 def ground_loads(assembly: Assembly, load: LoadCase, group_of: IntArray) -> FloatArray | None:
@@ -290,10 +287,10 @@ def _turns(face: FaceLoad) -> bool:
     return isinstance(face, PressureLoad) and face.follows_block
 
 
-def _dead_loads(assembly: Assembly, load: LoadCase, first: IntArray) -> tuple[ForceRows, ...]:
-    rows, forces = list[IntArray](), list[FloatArray]()
+def _dead_loads(assembly: Assembly, load: LoadCase, deforms: BoolArray) -> tuple[ForceRows, ...]:
+    rows = list[tuple[IntArray, IntArray, FloatArray]]()
     known: dict[tuple[int, bytes], FloatArray | None] = {}
-    for block in np.flatnonzero(first >= 0).tolist():
+    for block in np.flatnonzero(deforms).tolist():
         pressed = _pressed(load, block)
         key = int(assembly.shape_of[block]), pressed or b""
         if pressed is None or key not in known:
@@ -301,9 +298,11 @@ def _dead_loads(assembly: Assembly, load: LoadCase, first: IntArray) -> tuple[Fo
         local = known[key]
         if local is not None:
             nodes = np.flatnonzero(local.any(axis=1))
-            rows.append(first[block] + nodes)
-            forces.append(local[nodes])
-    return (ForceRows(np.concatenate(rows), np.concatenate(forces)),) if rows else ()
+            rows.append((np.full(len(nodes), block), nodes, local[nodes]))
+    if not rows:
+        return ()
+    of, node, force = map(np.concatenate, zip(*rows, strict=True))
+    return (ForceRows(of, node, force),)
 
 
 def outer_face(assembly: Assembly, block: int) -> str:
@@ -336,10 +335,8 @@ def held_faces(assembly: Assembly, load: LoadCase) -> tuple[HeldFace, ...]:
     return (*load.held, *(HeldFace(block, outer_face(assembly, block)) for block in blocks))
 
 
-def held_rows(assembly: Assembly, faces: tuple[HeldFace, ...], first: IntArray) -> Held:
+def held_rows(assembly: Assembly, faces: tuple[HeldFace, ...]) -> HeldRows:
     """Hold or move parts of blocks that deform.
-
-    ``first`` are the first nodes of the blocks, -1 of rigid ones, (n_blocks,).
 
     Raises
     ------
@@ -350,31 +347,28 @@ def held_rows(assembly: Assembly, faces: tuple[HeldFace, ...], first: IntArray) 
     for held in faces:
         if held.spring is None:
             of_block.setdefault(held.block, []).append(held)
-    wholly, single = list[Held](), list[Held]()
+    wholly, single = list[HeldRows](), list[HeldRows]()
     nodes_of: dict[tuple[int, tuple[str, ...]], IntArray] = {}
     for block in sorted(of_block, key=lambda block: int(assembly.layer[block])):
         mine, turn = of_block[block], assembly.rotations[block]
         names = tuple(held.face for held in mine if isinstance(held.face, str))
         whole = all(held.directions is None and held.displacement is None for held in mine)
         if not (whole and len(names) == len(mine) and len({held.title for held in mine}) == 1):
-            single += _supports_of(assembly, block, mine, int(first[block]))
+            single += _supports_of(assembly, block, mine)
             continue
         key = int(assembly.shape_of[block]), names
         if key not in nodes_of:
             shape = assembly.shape(block)
             quads = np.concatenate([shape.faces[face] for face in names])
             nodes_of[key] = np.unique(shape.mesh.facet_nodes(quads))
-        nodes = first[block] + nodes_of[key]
+        nodes = nodes_of[key]
         directions = np.tile(turn, (len(nodes), 1))
-        wholly.append(held_at(np.repeat(nodes, 3), directions, name=mine[0].title))
+        wholly.append(held_at(block, np.repeat(nodes, 3), directions, name=mine[0].title))
     return joined_rows((*wholly, *single))
 
 
-def _supports_of(assembly: Assembly, block: int, faces: list[HeldFace], first: int) -> list[Held]:
-    """Components of the nodes of one block that its supports prescribe, each once.
-
-    ``first`` is the number of its first node.
-    """
+def _supports_of(assembly: Assembly, block: int, faces: list[HeldFace]) -> list[HeldRows]:
+    """Components of the nodes of one block that its supports prescribe, each once."""
     none = np.zeros((0, 3))
     taken, moving = dict[int, FloatArray](), dict[int, FloatArray]()
     result = []
@@ -398,7 +392,8 @@ def _supports_of(assembly: Assembly, block: int, faces: list[HeldFace], first: i
         moved = np.zeros(3) if held.displacement is None else held.displacement
         result.append(
             held_at(
-                first + np.array(nodes, dtype=np.int64),
+                block,
+                np.array(nodes, dtype=np.int64),
                 along @ assembly.rotations[block],
                 along @ moved,
                 amplitude=motion_of(held) if held.moves else None,

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.sparse import csr_array
@@ -38,8 +38,10 @@ class ForceRows(ReadOnlyArrays):
         A force that is not finite.
     """
 
-    row: IntArray
-    """Node of each among those of all blocks (`System.first_nodes`), (n,)."""
+    block: IntArray
+    """Block of each, (n,)."""
+    node: IntArray
+    """Node in the mesh of the block, (n,)."""
     force: FloatArray
     """(n, 3) [N] at amplitude one."""
     amplitude: Amplitude | None = None
@@ -52,10 +54,13 @@ class ForceRows(ReadOnlyArrays):
         if not np.isfinite(self.force).all():
             raise LoadError("load: got a force that is not finite")
 
-    def on(self, number: IntArray) -> ForceRows:
-        """The rows of a solver that gives nodes a number (n_nodes,), -1 to what it leaves out."""
-        row = number[self.row]
-        return replace(self, row=row[row >= 0], force=self.force[row >= 0])
+    def on(self, first: IntArray) -> tuple[IntArray, FloatArray]:
+        """Nodes and forces of a solver that gives blocks a first node (n_blocks,), -1 to others.
+
+        (n,) and (n, 3) [N].
+        """
+        mine = first[self.block] >= 0
+        return (first[self.block] + self.node)[mine], self.force[mine]
 
 
 def scatter_to_nodes(corner_forces: FloatArray, quads: IntArray, n_nodes: int) -> FloatArray:

@@ -36,7 +36,7 @@ def loose_blocks(
     assembly = deformable.assembly
     pressing = np.flatnonzero((point_pressures > 0.0).any(axis=1))
     surfaces, point_pressures = surfaces.subset(pressing), point_pressures[pressing]
-    supported = np.unique(deformable.block_of_node[deformable.supports.row])
+    supported = np.unique(deformable.supports.block)
     loose = []
     moving = deformable.deformable_blocks
     for block in np.unique(representative[moving]):

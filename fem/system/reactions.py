@@ -38,8 +38,9 @@ def reactions(system: System, forces: Forces, displacements: Forces) -> Reaction
     starts = np.cumsum([0, *(body.n_copies * body.n_nodes for body in bodies)])
     if forces:
         directions = _in_world(system, slice(None))
-        along = _along(forces, rows.row, directions)[:, None] * directions
-        at, block = _flat(places)[rows.row], system.block_of_node[rows.row]
+        nodes = system.first_nodes[rows.block] + rows.node
+        along = _along(forces, nodes, directions)[:, None] * directions
+        at, block = _flat(places)[nodes], rows.block
         for number, name in enumerate(rows.names):
             mine = rows.support == number
             acting.setdefault(name, []).append((at[mine], along[mine], block[mine]))
@@ -82,7 +83,7 @@ def _flat(of_bodies: Sequence[FloatArray]) -> FloatArray:
 
 def _in_world(system: System, rows: IntArray | slice) -> FloatArray:
     """Directions of some rows of the supports in world axes, (n, 3)."""
-    turns = system.assembly.rotations[system.block_of_node[system.supports.row[rows]]]
+    turns = system.assembly.rotations[system.supports.block[rows]]
     return np.einsum("nij,nj->ni", turns, system.supports.direction[rows])
 
 
@@ -183,7 +184,8 @@ def moving_supports(system: System) -> tuple[MovingSupport, ...]:
             farthest = np.abs(rows.value[mine]).argmax()
             mine = np.concatenate([mine[[farthest]], np.delete(mine, farthest)])
             table, way = rows.tables[rows.table[mine[0]]], float(rows.value[mine[0]])
-            result.append(MovingSupport(name, table, rows.row[mine], _in_world(system, mine), way))
+            nodes = system.first_nodes[rows.block[mine]] + rows.node[mine]
+            result.append(MovingSupport(name, table, nodes, _in_world(system, mine), way))
     return tuple(result)
 
 

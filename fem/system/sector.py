@@ -180,24 +180,21 @@ def _images(system: System, order: int) -> IntArray:
 
 
 def _check_loads(system: System, image: IntArray, order: int) -> None:
-    forces = system.forces_in_frames()
-    largest = max((float(np.abs(f).max()) for f in forces), default=0.0)
-    held, first = _held_components(system), system.first_nodes
-    for block in system.deformable_blocks:
+    loads, held = system.external_force, _held_components(system)
+    largest = float(np.abs(loads).max())
+    for block in system.deformable_blocks.tolist():
         other = int(image[block])
-        group = int(system.group_of[block])
-        a, b = int(system.copy_of[block]), int(system.copy_of[other])
-        difference = float(np.abs(forces[group][a] - forces[group][b]).max())
+        pair = [system.nodes_of(int(system.slot_of[of])) for of in (block, other)]
+        difference = float(np.abs(loads[pair[0]] - loads[pair[1]]).max())
         if difference > _TOLERANCE * largest:
             raise SymmetryError(
-                f"symmetry: the loads of blocks {int(block)} and {other} differ by "
+                f"symmetry: the loads of blocks {block} and {other} differ by "
                 f"{difference:.3g} N in their own frames, so a turn by 1/{order} is no symmetry; "
                 "expected a load that repeats, or symmetry off"
             )
-        one, two = (held[k : k + system.bodies[group].n_nodes] for k in first[[block, other]])
-        if not np.allclose(one, two, rtol=0.0, atol=_TOLERANCE):
+        if not np.allclose(held[pair[0]], held[pair[1]], rtol=0.0, atol=_TOLERANCE):
             raise SymmetryError(
-                f"symmetry: blocks {int(block)} and {other} have different supports, so a rotation "
+                f"symmetry: blocks {block} and {other} have different supports, so a rotation "
                 f"by 1/{order} is no symmetry; expected supports that repeat, or symmetry off"
             )
 
@@ -218,15 +215,13 @@ def _same_joints(system: System, image: IntArray) -> bool:
 def _held_components(system: System) -> FloatArray:
     """Projector on the held directions, and the way by each table, of each node in block frames.
 
-    (n_nodes, 4 + n_tables, 3) of all copies, body after body, what none moves last; blocks with
-    equal arrays are held alike.
+    (n_nodes, 4 + n_tables, 3), what none moves last; blocks with equal arrays are held alike.
     """
-    rows, n_tables = system.supports, len(system.supports.tables)
-    held = np.zeros((len(system.block_of_node), 4 + n_tables, 3))
-    np.add.at(held[:, :3], rows.row, rows.direction[:, :, None] * rows.direction[:, None, :])
-    way = np.where(rows.table < 0, n_tables, rows.table)
-    np.add.at(held[:, 3:], (rows.row, way), rows.value[:, None] * rows.direction)
-    return held
+    of = system.held
+    result = np.zeros((system.n_nodes, 3 + of.ways.shape[1], 3))
+    result[of.nodes, :3] = (of.axes * of.held[:, None]) @ of.axes.swapaxes(1, 2)
+    result[of.nodes, 3:] = of.ways
+    return result
 
 
 def with_half_turn(system: System, orbits: Orbits) -> Orbits:
@@ -236,7 +231,7 @@ def with_half_turn(system: System, orbits: Orbits) -> Orbits:
     the normal of a wall. No block may be its own image, turned over.
     """
     assembly, moving = system.assembly, system.deformable_blocks
-    if len(system.supports.row) or assembly.image_of is not None:
+    if len(system.supports.block) or assembly.image_of is not None:
         return orbits
     centroids = (assembly.centroids + system.offsets - assembly.origin)[moving]
     height = centroids @ assembly.axis
@@ -325,12 +320,11 @@ def _loads_turn(system: System, orbits: Orbits, image: IntArray) -> bool:
     """Whether the loads of every block are those of its image, turned over."""
     over = orbits.over
     assert over is not None
-    forces = system.forces_in_frames()
-    largest = max((float(np.abs(f).max()) for f in forces), default=0.0)
-    for block in system.deformable_blocks:
+    loads = system.external_force
+    largest = float(np.abs(loads).max())
+    for block in system.deformable_blocks.tolist():
         other, shape = int(image[block]), int(system.assembly.shape_of[block])
-        group = int(system.group_of[block])
-        one, two = (forces[group][system.copy_of[b]] for b in (block, other))
+        one, two = (loads[system.nodes_of(int(system.slot_of[b]))] for b in (block, other))
         expected = one @ over.rotations[shape].T
         if np.abs(two[over.nodes[shape]] - expected).max() > _TOLERANCE * largest:
             return False

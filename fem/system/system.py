@@ -8,7 +8,7 @@ block after the other; displacements are (n_nodes, 3), in the frames of their bl
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -23,7 +23,7 @@ from fem.contact.surfaces import ContactPoints, MatchedFacets
 from fem.element.lagrange_mesh import in_pieces
 from fem.system.body import Body, ModelError, refuse_turning_springs
 from fem.system.forces import ForceRows
-from fem.system.held import NOT_HELD, Held
+from fem.system.held import NOT_HELD, Held, HeldRows
 from geometry.assembly import Assembly
 from geometry.mesh import BoolArray, FloatArray, IntArray
 
@@ -109,7 +109,7 @@ class System:
     """Facet pairs of which at least one block deforms."""
     contact: Contact
     """Law and normals."""
-    supports: Held = NOT_HELD
+    supports: HeldRows = NOT_HELD
     """Prescribed displacements of nodes of all blocks."""
     forces: tuple[ForceRows, ...] = ()
     """Nodal forces, weight left out."""
@@ -176,28 +176,16 @@ class System:
     @cached_property
     def first_nodes(self) -> IntArray:
         """First node of each block among those of all copies, body after body, -1 of rigid ones."""
-        return first_nodes(self.bodies, self.group_of, self.copy_of)
+        sizes = np.array([body.n_nodes for body in self.bodies])
+        starts = np.cumsum([0, *(body.n_copies * body.n_nodes for body in self.bodies)])
+        first = starts[self.group_of] + sizes[self.group_of] * self.copy_of
+        return np.where(self.group_of < 0, -1, first)
 
     @cached_property
     def block_of_node(self) -> IntArray:
         """Block of each node of all copies, body after body, (n_nodes,)."""
         blocks = self.deformable_blocks[np.argsort(self.first_nodes[self.deformable_blocks])]
         return np.repeat(blocks, [self.body_of(block).n_nodes for block in blocks.tolist()])
-
-    def forces_in_frames(self, *, weight: bool = True) -> list[FloatArray]:
-        """Nodal loads of each body in block frames, each (n_copies, n_nodes, 3) [N]."""
-        forces = [np.zeros((body.n_copies, body.n_nodes, 3)) for body in self.bodies]
-        starts = np.cumsum([0, *(body.n_copies * body.n_nodes for body in self.bodies)])
-        for load in self.forces:
-            for start, force in zip(starts, forces, strict=False):
-                flat, row = force.reshape(-1, 3), load.row - start
-                mine = (row >= 0) & (row < len(flat))
-                np.add.at(flat, row[mine], load.force[mine])
-        if weight and self.gravity is not None:
-            for force, body in zip(forces, self.bodies, strict=True):
-                local = self.gravity @ body.rotations
-                np.add(force, body.lumped_mass[:, None] * local[:, None], out=force)
-        return forces
 
     def under(self, factor: float) -> System:
         """The same under a factor times the loads and the weight."""
@@ -316,14 +304,30 @@ class System:
         return self.contact.friction.stick(modulus, self.assembly.characteristic_length, most)
 
     @cached_property
+    def starts(self) -> IntArray:
+        """First node of each block that is computed, -1 of all others, (n_blocks,)."""
+        starts = np.full(self.assembly.n_blocks, -1)
+        starts[self.blocks] = self.node_start[:-1]
+        return starts
+
+    def nodal_forces(self, *, weight: bool = True) -> FloatArray:
+        """Forces at their full size, block frames, (n_nodes, 3) [N]."""
+        total = np.zeros((self.n_nodes, 3))
+        for load in self.forces:
+            np.add.at(total, *load.on(self.starts))
+        if weight and self.gravity is not None:
+            for slot, block in enumerate(self.blocks.tolist()):
+                local = self.gravity @ self.assembly.rotations[block]
+                total[self.nodes_of(slot)] += self.body(slot).lumped_mass[:, None] * local
+        return total
+
+    @cached_property
     def loads(self) -> FloatArray:
         """In block frames at the end of a path, (1, n_nodes, 3) [N].
 
         Of a path that does not begin at rest at its beginning and at its end, (2, n_nodes, 3).
         """
-        forces = self.forces_in_frames()
-        parts = [forces[self.group_of[block]][self.copy_of[block]] for block in self.blocks]
-        end = np.concatenate(parts)
+        end = self.nodal_forces()
         return end[None] if self.begin is None else np.stack([self.begin[1], end])
 
     @cached_property
@@ -335,11 +339,7 @@ class System:
         ModelError
             Supports of one node that contradict each other.
         """
-        number = np.full(len(self.block_of_node), -1)
-        for slot, first in enumerate(self.first_nodes[self.blocks].tolist()):
-            mine = self.nodes_of(slot)
-            number[first : first + mine.stop - mine.start] = np.arange(mine.start, mine.stop)
-        held = self.supports.on(number)
+        held = self.supports.on(self.starts)
         return held if self.begin is None else held.beginning_at(self.begin[0])
 
     @property
@@ -411,13 +411,6 @@ class System:
             local = displacement[self.rows[block, : self.body_of(block).n_nodes]]
             result[self.group_of[block]][self.copy_of[block]] = local @ self.frames[block].T
         return result
-
-
-def first_nodes(bodies: Sequence[Body], group_of: IntArray, copy_of: IntArray) -> IntArray:
-    """`System.first_nodes` of the body and copy of each block, -1 for rigid ones, (n_blocks,)."""
-    sizes = np.array([body.n_nodes for body in bodies])
-    starts = np.cumsum([0, *(body.n_copies * body.n_nodes for body in bodies)])
-    return np.where(group_of < 0, -1, starts[group_of] + sizes[group_of] * copy_of)
 
 
 def no_symmetry(assembly: Assembly, surfaces: MatchedFacets) -> Orbits:

@@ -179,7 +179,7 @@ def test_groups_follow_the_frames():
     held = deformable_assembly(tube, load, CONCRETE, frames=Frames.DEFORMABLE)
     assert len(held.bodies) == 3
     # Frame blocks are held, and no others.
-    supported = np.unique(held.block_of_node[held.supports.row])
+    supported = np.unique(held.supports.block)
     assert supported.tolist() == np.flatnonzero(tube.fixed).tolist()
     # Frame blocks meet each other: those facets are there only when they deform.
     assert held.surfaces.n_facets > rigid.surfaces.n_facets

@@ -264,7 +264,7 @@ def test_boxes_give_the_model_of_the_scene(name, tmp_path: Path) -> None:
     assert model.bodies[0].element is ours.bodies[0].element
     forces = [loaded_nodes(m)[1].sum(axis=0) for m in (model, ours)]
     assert np.allclose(*forces, rtol=1e-12)
-    assert len(model.supports.row) == len(ours.supports.row)
+    assert len(model.supports.block) == len(ours.supports.block)
 
 
 def test_explicit_box_for_calculix_gets_a_stable_time_step(tmp_path: Path) -> None:

@@ -33,7 +33,7 @@ pytestmark = pytest.mark.quick
 
 
 def static_answer(model: TimedSystem) -> np.ndarray:
-    group, force = model.bodies[0], model.system.forces_in_frames()[0][0]
+    group, force = model.bodies[0], model.system.nodal_forces()[model.system.nodes_of(0)]
     u = static_displacement(group.stiffness, force.ravel(), degrees_of_freedom(HELD))
     return u.reshape(-1, 3)
 

@@ -11,7 +11,7 @@ import pytest
 from fem.static.solve import StaticOptions, static_state
 from fem.system.body import ModelError
 from fem.system.forces import TabularAmplitude
-from fem.system.held import Held, held_at, joined_rows
+from fem.system.held import Held, HeldRows, held_at, joined_rows
 from fem.system.sector import largest_cyclic_orbits
 from validation import load_case
 
@@ -22,8 +22,9 @@ def rows(directions: Any, values: Any) -> Held:
     """Rows of node 2 that nothing moves."""
     n = len(values)
     direction = np.array(directions, dtype=np.float64).reshape(n, 3)
-    held = Held(np.full(n, 2), direction, np.array(values), np.full(n, -1))
-    return held.on(np.arange(4))
+    none, still = np.zeros(n, np.int64), np.full(n, -1)
+    held = HeldRows(none, np.full(n, 2), direction, np.array(values), still, (), none, ("x",))
+    return held.on(np.zeros(1, np.int64))
 
 
 def test_variables_are_the_prescribed_displacement_whatever_the_directions() -> None:
@@ -50,7 +51,7 @@ def test_variables_are_the_prescribed_displacement_whatever_the_directions() -> 
 @pytest.mark.parametrize("values", [(0.1, 0.2, 0.1), (0.0, 0.0, 0.1)])
 def test_rows_that_contradict_each_other_are_refused(values: tuple[float, ...]) -> None:
     y = [0.0, 1.0, 0.0]
-    with pytest.raises(ModelError, match="node 2 is moved in two ways"):
+    with pytest.raises(ModelError, match="node 2 of block 0 is moved in two ways"):
         rows([y, SLANTED, y], (*values[:2], values[2] + 1e-3))
 
 
@@ -58,7 +59,7 @@ def test_supports_that_are_stated_again_change_nothing() -> None:
     """All rows again, those along x of what moves along a slope."""
     deformable = load_case("shifted-boxes").problem.deformable
     held = deformable.supports
-    turns = deformable.assembly.rotations[deformable.block_of_node[held.row]]
+    turns = deformable.assembly.rotations[held.block]
     moves = held.table >= 0
     assert moves.any()
     assert not moves.all()
@@ -84,7 +85,8 @@ def test_supports_that_move_at_other_times_are_no_sector(late: tuple[int, ...], 
     soon, later = (TabularAmplitude((0.0, end, 1.0), (0.0, 1.0, 1.0)) for end in (0.5, 0.75))
     moved = [
         held_at(
-            model.first_nodes[[block]],
+            block,
+            np.zeros(1, np.int64),
             np.eye(3)[:1],
             0.01,
             amplitude=later if number in late else soon,

@@ -85,7 +85,7 @@ def held_tangentially(model, shape):
     first = int(np.argmin(np.abs(nodes).sum(axis=1)))
     second = int(np.argmin(np.abs(nodes - [10.0, 0.0, 3.0]).sum(axis=1)))
     directions = np.array([slope, across, across]) @ model.assembly.rotations[1]
-    held = held_at(np.array([first, first, second]), directions)
+    held = held_at(1, np.array([first, first, second]), directions)
     return dataclasses.replace(model, supports=held)
 
 

@@ -133,19 +133,13 @@ def loaded_nodes(system: System) -> tuple[FloatArray, FloatArray]:
 
     (n_nodes, 3) [mm] and alike [N]
     """
-    pairs = zip(system.bodies, system.forces_in_frames(weight=False), strict=True)
-    places, forces = zip(
-        *((b.reference_positions(), f @ b.rotations.transpose(0, 2, 1)) for b, f in pairs),
-        strict=True,
-    )
+    places = [body.reference_positions() for body in system.bodies]
+    forces = system.expand(system.nodal_forces(weight=False))
     return tuple(np.concatenate([a.reshape(-1, 3) for a in of]) for of in (places, forces))
 
 
 def still(system: System, displacements: Sequence[FloatArray]) -> None:
     """Set displacements of each body, (n_copies, n_nodes, 3), to zero at supported nodes."""
-    start = 0
-    for of in displacements:
-        flat = of.reshape(-1, 3)
-        row = system.supports.row - start
-        flat[row[(row >= 0) & (row < len(flat))]] = 0.0
-        start += len(flat)
+    rows = system.supports
+    for block, node in zip(rows.block.tolist(), rows.node.tolist(), strict=True):
+        displacements[int(system.group_of[block])][system.copy_of[block], node] = 0.0

@@ -14,22 +14,20 @@ from fem.explicit.timed import TimedSystem
 from fem.system.body import Body
 from fem.system.effects import Effects
 from fem.system.forces import Amplitude, ForceRows
-from fem.system.held import Held, held_at, joined_rows
+from fem.system.held import HeldRows, held_at, joined_rows
 from fem.system.system import Contact, System
 from geometry.assembly import Assembly
 from geometry.block import Block
 from geometry.mesh import FloatArray, IntArray
 
 #: Rows of a system, from its bodies.
-Support = Callable[[Sequence[Body]], Held]
+Support = Callable[[Sequence[Body]], HeldRows]
 Load = Callable[[Sequence[Body]], ForceRows]
 
 
-def rows_of(bodies: Sequence[Body], group: int, copies: IntArray, nodes: IntArray) -> IntArray:
-    """Numbers of nodes of copies of a body among those of all copies."""
-    before = sum(body.n_copies * body.n_nodes for body in bodies[:group])
-    rows: IntArray = before + copies * bodies[group].n_nodes + nodes
-    return rows
+def blocks_of(bodies: Sequence[Body], group: int, copies: IntArray) -> IntArray:
+    """Blocks that copies of a body are: body after body."""
+    return copies + sum(body.n_copies for body in bodies[:group])
 
 
 def fixed_nodes(
@@ -44,13 +42,13 @@ def fixed_nodes(
 ) -> Support:
     """Hold nodes of copies of a body along some of the axes, world, or move them [mm]."""
 
-    def held(bodies: Sequence[Body]) -> Held:
+    def held(bodies: Sequence[Body]) -> HeldRows:
         grid = np.meshgrid(copies, nodes, components, indexing="ij")
         of, node, component = (array.ravel() for array in grid)
         along = (np.eye(3) if axes is None else axes)[component]
         local = np.einsum("nij,ni->nj", bodies[group].rotations[of], along)
         values = (np.zeros(3) if displacement is None else displacement)[component]
-        return held_at(rows_of(bodies, group, of, node), local, values, amplitude=amplitude)
+        return held_at(blocks_of(bodies, group, of), node, local, values, amplitude=amplitude)
 
     return held
 
@@ -70,8 +68,7 @@ def nodal_load(
         k, node = np.nonzero(np.any(dense != 0.0, axis=2))
         of = np.asarray(copies)[k]
         local = np.einsum("nij,ni->nj", bodies[group].rotations[of], dense[k, node])
-        rows = rows_of(bodies, group, of, node)
-        return ForceRows(rows, local, amplitude, follows_block)
+        return ForceRows(blocks_of(bodies, group, of), node, local, amplitude, follows_block)
 
     return load
 

@@ -98,7 +98,7 @@ def incompressible() -> CaseVerdict:
     share[top, 2] = -pressure * 100.0 * 2.0**inside / 16.0
     given: Any = {
         "supports": joined_rows([sides, bottom]),
-        "forces": (ForceRows(every, share),),
+        "forces": (ForceRows(np.zeros_like(every), every, share),),
     }
     expected, checks = pressure * 10.0 / rubber.constrained_modulus, list[Number]()
     for kind in ElementType:
@@ -118,7 +118,8 @@ def _deflection(divisions: tuple[int, int, int], element: ElementType, ratio: fl
     force = np.zeros((mesh.n_nodes, 3))
     force[tip, 2] = 1.0 / len(tip)
     material = Material(density=1e-9, young_modulus=1000.0, poisson_ratio=ratio)
-    forces = (ForceRows(np.arange(mesh.n_nodes), force),)
+    nodes = np.arange(mesh.n_nodes)
+    forces = (ForceRows(np.zeros_like(nodes), nodes, force),)
     stated = one_block(block, material, element=element, supports=held, forces=forces)
     result = static_state(stated)
     beam = 100.0**3 / (3.0 * 1000.0 * 10.0**4 / 12.0)

@@ -13,7 +13,7 @@ from fem.element.hexahedron import ElementType
 from fem.element.material import Material
 from fem.problem import Problem
 from fem.system.forces import ForceRows
-from fem.system.held import NOT_HELD, Held, held_at
+from fem.system.held import NOT_HELD, HeldRows, held_at
 from fem.system.system import System
 from geometry.assembly import Assembly
 from geometry.block import Block
@@ -80,7 +80,7 @@ def one_block(
     material: Material = CONCRETE,
     *,
     element: ElementType = ElementType.INCOMPATIBLE,
-    supports: Held = NOT_HELD,
+    supports: HeldRows = NOT_HELD,
     forces: tuple[ForceRows, ...] = (),
 ) -> System:
     """A block that meets nothing, with supports and forces on its nodes."""
@@ -99,10 +99,10 @@ def one_block(
     return replace(stated, supports=supports, forces=forces)
 
 
-def held_nodes(nodes: IntArray, *components: int) -> Held:
+def held_nodes(nodes: IntArray, *components: int) -> HeldRows:
     """Hold nodes of `one_block` along some axes, by default all."""
     along = np.eye(3)[list(components) or [0, 1, 2]]
-    return held_at(np.repeat(nodes, len(along)), np.tile(along, (len(nodes), 1)))
+    return held_at(0, np.repeat(nodes, len(along)), np.tile(along, (len(nodes), 1)))
 
 
 def relative_difference(value: FloatArray | float, expected: FloatArray | float) -> float:

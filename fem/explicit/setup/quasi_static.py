@@ -84,7 +84,9 @@ def block_frequencies(system: System, pressure: float) -> BlockFrequencies:
     _add_contact(stiffness, system, motions, pressure)
     block_of = np.repeat(np.arange(n), np.diff(system.node_start))
     load = np.zeros((n, 6))
-    np.add.at(load, block_of, np.einsum("nij,ni->nj", motions[:-1], _loads(system)))
+    np.add.at(
+        load, block_of, np.einsum("nij,ni->nj", motions[:-1], system.nodal_forces(weight=False))
+    )
     free = _free_motions(system, motions, block_of)
     if not free.shape[1]:  # blocks only deform between their supports
         lowest = min(map(_bar_frequency, system.bodies))
@@ -101,13 +103,6 @@ def block_frequencies(system: System, pressure: float) -> BlockFrequencies:
     excited = work > _EXCITED * work.sum() if work.sum() > 0.0 else np.ones_like(work, np.bool_)
     hertz = np.sqrt(squares) / (2.0 * np.pi)
     return BlockFrequencies(lowest=float(hertz[0]), excited=float(hertz[excited][0]))
-
-
-def _loads(system: System) -> FloatArray:
-    """Loads without weight, block frames, (n_nodes, 3) [N]."""
-    forces = system.forces_in_frames(weight=False)
-    where = zip(system.group_of[system.blocks], system.copy_of[system.blocks], strict=True)
-    return np.concatenate([forces[group][copy] for group, copy in where])
 
 
 def _add_contact(
@@ -137,8 +132,8 @@ def _add_contact(
 def _free_motions(system: System, motions: FloatArray, block_of: IntArray) -> FloatArray:
     """Rigid motions of all blocks that supports leave, orthonormal columns, (6 n_slots, n)."""
     squares, held = np.zeros((system.n_slots, 6, 6)), system.held
-    along = np.einsum("nij,ni->nj", motions[held.row], held.direction)
-    np.add.at(squares, block_of[held.row], along[:, :, None] * along[:, None, :])
+    along = np.einsum("nki,nkj->nij", held.axes, motions[held.nodes]) * held.held[:, :, None]
+    np.add.at(squares, block_of[held.nodes], along.swapaxes(1, 2) @ along)
     parts = []
     for square in squares:
         sizes, axes = np.linalg.eigh(square)

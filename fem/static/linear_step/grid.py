@@ -62,7 +62,7 @@ def grid_blocks(deformable: System) -> tuple[GridBlock, ...] | None:
     their own.
     """
     contact = deformable.contact
-    if contact.friction is not None or contact.finite_sliding or len(deformable.supports.row):
+    if contact.friction is not None or contact.finite_sliding or len(deformable.supports.block):
         return None
     if len(contact.law.members) > 1:
         return None
