@@ -7,6 +7,7 @@ share one stiffness. World vectors are R times these.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property
 
@@ -173,6 +174,8 @@ class LaneBody:
     """Bulk viscosity data."""
     now: BodyState = field(init=False)
     """What changes from step to step."""
+    moves: dict[bool, Callable[..., None]] = field(default_factory=dict)
+    """Machine code of `fem.explicit.kernels.motion.update`, without and with a sample."""
 
     @cached_property
     def total_mass(self) -> float:

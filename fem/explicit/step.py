@@ -9,6 +9,7 @@
 
 from __future__ import annotations
 
+import math
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from typing import Any
@@ -300,7 +301,7 @@ def load_power(body: LaneBody, time: float, *, moved: bool = False) -> float:
     for k, load in enumerate(body.loads):
         assert now.loads is not None
         known = now.loads.power
-        if moved or load.following is not None or np.isnan(known[k]):
+        if moved or load.following is not None or math.isnan(known[k]):
             runs, values = load.velocity, load_values(load, now)
             known[k] = dot_at(now.velocity.ravel(), runs.start, runs.pointer, values)
         power += load_factor(load, time) * float(known[k])
@@ -322,7 +323,7 @@ def ramped_gravity_power(body: LaneBody, falling: LaneArray, *, moved: bool = Fa
     """
     known = body.now.momentum
     assert known is not None
-    if moved or np.isnan(known[0]):
+    if moved or math.isnan(known[0]):
         np.matmul(body.mass, body.now.velocity.reshape(len(body.mass), -1), out=known)
     return float(known @ falling.ravel())
 
@@ -341,7 +342,7 @@ def advance(loop: Loop, body: LaneBody, falling: LaneArray | None, *, sample: bo
         placing = Placing(frame.placing.ravel(), body.reference)
     if now.applied_force is not None and body.applied_row is not None:
         applied = Applied(body.applied_row, now.applied_force.ravel())
-    loop.kernels.update(
+    arguments = (
         body.lanes,
         *widths(body.lanes),
         body.rows.chunks,
@@ -360,6 +361,9 @@ def advance(loop: Loop, body: LaneBody, falling: LaneArray | None, *, sample: bo
         applied,
         _flat(falling),
     )
+    if sample not in body.moves:
+        body.moves[sample] = loop.kernels.update.code(*arguments)
+    body.moves[sample](*arguments)
 
 
 def _flat(array: LaneArray | None) -> LaneArray | None:

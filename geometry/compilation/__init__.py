@@ -42,6 +42,22 @@ class Kernel:
         """Call the compiled function."""
         return self.dispatcher(*arguments)
 
+    def code(self, *arguments: Any) -> Callable[..., Any]:
+        """Machine code for arguments of the types of these, which are not asked at every call.
+
+        That takes longer than the work on few nodes, where arguments are tuples of arrays.
+        """
+        dispatcher = self.dispatcher
+        if not hasattr(dispatcher, "typeof_pyval"):  # compilation is disabled
+            return self._function
+        types = tuple(map(dispatcher.typeof_pyval, arguments))
+        code: Callable[..., Any] = dispatcher.compile(types)
+        return code
+
+    def bound(self, *arguments: Any) -> Callable[[], Any]:
+        """Call with these arguments, arrays that are written in place."""
+        return functools.partial(self.code(*arguments), *arguments)
+
     def __getattr__(self, name: str) -> Any:
         """All else is the dispatcher's, the type that numba asks for too."""
         return getattr(self.dispatcher, name)

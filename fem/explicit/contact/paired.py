@@ -6,6 +6,8 @@ The formulation is that of `fem.contact.surfaces`, the loops are in
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numba
 import numpy as np
 
@@ -58,31 +60,28 @@ class FaceContact(BlockContact):
         if self._rubs:
             lost = aligned_zeros((8 * len(self._data.units),))
             self._rubbing = Rubbing(_no_slip(self._data, self._work), lost)
+        self._calls: list[Callable[[], None]] = []
         self._collections = _collections(self._data, len(self._work.force) // 2, bodies)
 
     def add_force(self, loop: Loop) -> None:
         """Add contact forces at the current positions to the applied forces."""
+        self._calls = self._calls or self._bound(loop)
+        for call in self._calls:
+            call()
+
+    def _bound(self, loop: Loop) -> list[Callable[[], None]]:
+        """Compiled loops with their arguments: the arrays of a run stay where they are."""
         parallel = loop.kernels is PARALLEL
         displacements = tuple(body.now.displacement.ravel() for body in loop.bodies)
-        contact_forces.form(parallel=parallel)(
-            self._data,
-            displacements,
-            self._work,
-            self._constants,
-            self._normals,
-            self._rubbing,
-            *self._widths,
-        )
+        constants = self._constants, self._normals, self._rubbing, *self._widths
+        forces = contact_forces.form(parallel=parallel)
+        calls = [forces.bound(self._data, displacements, self._work, *constants)]
+        collect = collect_forces.form(parallel=parallel)
         for body, result in zip(loop.bodies, self._collections, strict=True):
-            if result is None or body.now.applied_force is None:
-                continue
-            collect_forces.form(parallel=parallel)(
-                result,
-                self._data,
-                self._work,
-                body.lanes,
-                body.now.applied_force.ravel(),
-            )
+            if result is not None and body.now.applied_force is not None:
+                applied = body.now.applied_force.ravel()
+                calls.append(collect.bound(result, self._data, self._work, body.lanes, applied))
+        return calls
 
     def energy(self) -> float:
         """Energy stored at the last force evaluation [N mm]."""

@@ -31,6 +31,7 @@ from fem.explicit.kernels.motion import (
     viscous_power,
 )
 from fem.explicit.kernels.runs import add_at, dot_at, hold
+from geometry.compilation import Kernel
 
 __all__ = [
     "PARALLEL",
@@ -59,7 +60,7 @@ class KernelSet:
     """The kernels that share rows among threads, in one of their two forms."""
 
     stiffness_product: Callable[..., None]
-    update: Callable[..., None]
+    update: Kernel
     viscous_pressure: Callable[..., None]
     add_viscous_force: Callable[..., None]
     add_stiffness_damping: Callable[..., None]

@@ -6,18 +6,18 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 from fem.explicit.kernels.options import OPTIONS
-from geometry.compilation import njit
+from geometry.compilation import Kernel, njit
 
 
 class Forms(NamedTuple):
     """A loop over chunks compiled twice."""
 
-    serial: Callable[..., None]
+    serial: Kernel
     """For one thread."""
-    parallel: Callable[..., None]
+    parallel: Kernel
     """Chunks shared among threads; the same bits, since each writes its own rows and sums."""
 
-    def form(self, *, parallel: bool) -> Callable[..., None]:
+    def form(self, *, parallel: bool) -> Kernel:
         """One of the two."""
         return self.parallel if parallel else self.serial
 
