@@ -128,6 +128,23 @@ def test_what_slid_stays_behind_the_load():
     assert back.frictional_dissipation > direct.frictional_dissipation > 0.0
 
 
+@pytest.mark.parametrize("searched", [False, True], ids=["matched", "searched"])
+def test_a_stage_that_is_cut_in_two_goes_on_with_its_slips(searched):
+    """Pressed, where all sticks, sheared until points slide, and halfway back: a stage of ten steps
+    is two of five, under the same loads one after the other."""
+    friction, ratios = CoulombFriction(0.3, 50.0), (0.0, 0.145, 0.29, 0.195, 0.1)
+    stages = [sheared_column(ratio, friction, finite_sliding=searched) for ratio in ratios]
+    whole, cut = (
+        static_state(last, replace(TIGHT, load_steps=steps), before=before)
+        for steps, (*before, last) in ((10, stages[::2]), (5, stages))
+    )
+    moved = whole.displacements[0]
+    assert np.abs(cut.displacements[0] - moved).max() < 1e-7 * np.abs(moved).max()
+    assert cut.frictional_dissipation == pytest.approx(whole.frictional_dissipation, rel=1e-6)
+    straight = static_state(stages[-1], replace(TIGHT, load_steps=10)).displacements[0]
+    assert np.abs(moved - straight).max() > 1e-2 * np.abs(moved).max()
+
+
 def test_frames_of_supports_that_move_have_their_times() -> None:
     """At time 0 the loads act; the block that is pushed then goes on in proportion to time."""
     frames: list[Frame] = []
