@@ -65,8 +65,8 @@ def static_state(
     """Find the static state of an assembly under its loads; single bodies are solved at once.
 
     Without friction the state does not depend on the path of the loads, which act at once. With
-    friction, and in stages, load steps are doubled until that changes the answer by less than the
-    tolerance of the options.
+    friction, and in stages where supports move, load steps are doubled until that changes the
+    answer by less than the tolerance of the options.
 
     Parameters
     ----------
@@ -96,13 +96,15 @@ def static_state(
     """
     options = StaticOptions() if options is None else options
     store = FlexibilityStore() if store is None else store
-    if before:
+    stages = [*before, system]
+    way_counts = system.meets and system.contact.friction is not None
+    way_counts |= bool(before) and any(stage.moves for stage in stages)
+    if before and way_counts:
         options = replace(options, load_steps=max(options.load_steps, _INCREMENTS))
     elif not system.meets:  # linear: all at once
         options = replace(options, motion_steps=None, symmetry=1)
-    rubs = system.meets and system.contact.friction is not None and start is None
-    doubles = options.load_tolerance is not None and (rubs or bool(before))
-    stages, near = [*before, system], dict(known) if doubles and not before else {}
+    doubles = options.load_tolerance is not None and way_counts and start is None
+    near = dict(known) if doubles and not before else {}
 
     def in_parts(parts: int) -> State:
         once, result = replace(options, load_steps=parts), None

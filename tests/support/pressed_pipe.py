@@ -62,4 +62,6 @@ def sheared_column(ratio, friction, *, pressure=0.1, **options):
     assembly = column(1, height=1.0)
     load = top_load(assembly, traction=pressure * np.array([ratio, 0.0, -1.0]))
     stiff = Material(density=2.4e-9, young_modulus=1e7, poisson_ratio=0.0)
-    return deformable_assembly(assembly, load, stiff, law=LinearPenalty(1e4), friction=friction, **options)
+    return deformable_assembly(
+        assembly, load, stiff, law=LinearPenalty(1e4), friction=friction, **options
+    )
