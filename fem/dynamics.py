@@ -10,7 +10,7 @@ from pathlib import Path
 
 from fem.answer.answer import answer_of
 from fem.explicit.output.checkpoint import OtherProblemError
-from fem.explicit.setup.timed_system import counting_more, state_of, timed_system
+from fem.explicit.setup.timed_system import check_timed, counting_more, state_of, timed_system
 from fem.explicit.solve import (
     Frame,
     Output,
@@ -23,6 +23,7 @@ from fem.explicit.timed import TimedSystem
 from fem.method import Explicit, require_method
 from fem.problem import Problem, ProblemError, require_problem
 from fem.state import State
+from fem.system.sector import check_system
 from geometry.answer import Answer
 from geometry.compilation.clocks import timed_stages
 from geometry.machine.system import one_thread_of_blas
@@ -90,21 +91,10 @@ def solve_explicit(
         A checkpoint that cannot be written, or is not one of this run.
     """
     require_method(method, Explicit, "solve_explicit")
-    problem = require_problem(problem)
-    problem.require_action()
-    if problem.degree > 1:
-        raise ProblemError(
-            f"degree: got {problem.degree}; explicit runs have elements of degree 1: expected "
-            "1, or solve_static"
-        )
-    if problem.after is not None:
-        raise ProblemError(
-            "after: explicit runs begin at rest, or with a motion; expected solve_static"
-        )
-    method = replace(method, damping=method.damped(moves=problem.motion is not None))
     with timed_stages() as watch:
-        _ = problem.deformable
+        problem = check_explicit(problem, method)
         watch.lap("build")
+        method = replace(method, damping=method.damped(moves=problem.motion is not None))
         output = Output(progress=progress, on_frame=on_frame, checkpoint=checkpoint)
         if progress is not None:
             progress("critical time step")
@@ -117,6 +107,33 @@ def solve_explicit(
         seconds = {**watch.seconds(), "loop": run.cpu_seconds}
     parts, beside = {"work": spent}, {"cpu_seconds": seconds}
     return answer_of(state, {}, problem=problem, parts=parts, beside=beside)
+
+
+def check_explicit(problem: Problem, method: Explicit) -> Problem:
+    """Return a problem with hexahedra; reject what no explicit run answers.
+
+    Errors are those of `solve_explicit` that are known before the run: not those of its critical
+    time step.
+    """
+    problem = require_problem(problem)
+    problem.require_action()
+    if problem.degree > 1:
+        raise ProblemError(
+            f"degree: got {problem.degree}; explicit runs have elements of degree 1: expected "
+            "1, or solve_static"
+        )
+    if problem.after is not None:
+        raise ProblemError(
+            "after: explicit runs begin at rest, or with a motion; expected solve_static"
+        )
+    check_timed(
+        problem.deformable,
+        finite_rotation=problem.finite_rotation,
+        ramp_time=method.ramp_time,
+        end_time=method.end_time,
+    )
+    check_system(problem.deformable, method.symmetry)
+    return problem
 
 
 def stated_run(problem: Problem, method: Explicit) -> TimedSystem:

@@ -37,8 +37,10 @@ from geometry.parts.measures import (
 )
 from geometry.parts.placed import AnyBlocks, PlacedBlocks
 from geometry.parts.rows import Notes, Part, Row
+from geometry.parts.supports import HeldFace
 from geometry.polyhedra.options import CROSSING_EDGES, STANDING_CORNER
 from mbd.contacts.jacobian import contact_jacobian
+from mbd.contacts.supports import check_supports
 from mbd.frictionless.mechanism import MANY_BLOCKS, classify
 from mbd.options import Rigid, Stages
 from mbd.results.result import EdgesAndCorners, RigidResult
@@ -143,18 +145,49 @@ def analyse(
         )
     stated, method = as_statement(problem, load), method or Rigid()
     tell, laps = progress or (lambda _: None), _Laps()
+    check(stated, method)
+    laps.end("interfaces")
     parts = _construction(stated, method, tell)
     laps.end("parts" if parts else None)
     with (
         one_thread_of_blas(),
         budget(method.max_work, clock(method.max_seconds), method.max_memory) as spent,
     ):
-        _require_memory(stated, method)
         laps.end(None)  # libraries that are loaded
         result = _result(stated, method, tell, laps)
     seconds = laps.seconds | {"total": sum(laps.seconds.values())}
     parts |= {**result.parts, "work": spent}
     return _answer(stated, replace(result, parts=parts, cpu_seconds=seconds))
+
+
+def check(problem: RigidStatement, method: Rigid) -> None:
+    """Reject what rigid blocks cannot answer, before any force is sought; errors as `analyse`."""
+    blocks, case = problem.rigid_blocks, problem.rigid_load
+    check_supports(_held(case))
+    if problem.coulomb is not None or method.collapse:
+        from mbd.friction.equilibrium import check_coefficients, require_live
+
+        if problem.coulomb is not None:
+            pairs = (pair[2] for pair in problem.coulomb.of_pairs)
+            check_coefficients(np.array([problem.coulomb.coefficient, *pairs]))
+        if method.collapse:
+            require_live(case.wrenches[~case.fixed])
+    with budget(memory=method.max_memory):
+        _require_memory(problem, method)
+    if not blocks.interfaces.n_contacts:
+        raise AnalysisError(
+            "analyse: no two of the blocks touch, and rigid blocks have forces in their joints "
+            "alone; expected blocks that meet, or solve_static for single bodies"
+        )
+    if method.stages is not None:
+        from mbd.building.stages import Construction
+
+        Construction(problem, method.stages, method, lambda _: None, analyse).check()
+
+
+def _held(case: LoadCase) -> tuple[HeldFace, ...]:
+    """Supports without those that push: their limit is found beside the answer."""
+    return tuple(support for support in case.held if not support.is_push)
 
 
 class _Laps:
@@ -243,12 +276,7 @@ def _result(
 ) -> RigidResult:
     """Classify rigid blocks, solve for their contact forces, and find what a method asks beside."""
     whole, case, weight = problem.rigid_blocks, problem.rigid_load, problem.rigid_weight
-    if not whole.interfaces.n_contacts:
-        raise AnalysisError(
-            "analyse: no two of the blocks touch, and rigid blocks have forces in their joints "
-            "alone; expected blocks that meet, or solve_static for single bodies"
-        )
-    held = tuple(support for support in case.held if not support.is_push)
+    held = _held(case)
     stated = Stated(whole, replace(case, held=held), weight, problem.coulomb)
     faces = whole
     if not isinstance(whole, Assembly):

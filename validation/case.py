@@ -122,18 +122,22 @@ class Case:
         InputError
             One line: what was got, what is expected, what to do.
         """
-        problem = self.problem
-        if isinstance(self.method, Rigid):
-            return problem
+        problem, method = self.problem, self.method
         with named(self.name):
-            problem = problem.meshed
-            if isinstance(self.method, Static):
+            if isinstance(method, Rigid):
+                from mbd.answer import check
+
+                check(problem, method)
+            elif isinstance(method, Static):
+                from fem.accuracy.statics import check_static
                 from mbd.held import require_held
 
-                problem.require_static()
+                problem = check_static(problem, method)
                 require_held(problem, self.solids)
-            problem.require_action()
-            _ = problem.deformable
+            else:
+                from fem.dynamics import check_explicit
+
+                problem = check_explicit(problem, method)
         return problem
 
     @property

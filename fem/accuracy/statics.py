@@ -34,7 +34,7 @@ from fem.state import State
 from fem.static.linear_step.flexibility import FlexibilityStore
 from fem.static.path import LOAD_TOLERANCE
 from fem.static.solve import StaticOptions, static_state
-from fem.system.sector import require_sector
+from fem.system.sector import check_system
 from geometry.answer import Answer, Measure
 from geometry.assembly import Assembly
 from geometry.compilation.clocks import Stopwatch, timed_stages
@@ -109,13 +109,9 @@ def solve_static(
         The requested symmetry is not one of the load or the supports.
     """
     require_method(method, Static, "solve_static")
-    problem = _of_usual_degree(problem, require_problem(problem))
-    problem.require_static()
-    problem.require_action()
     with timed_stages() as watch:
+        problem = check_static(problem, method)
         finer = refines(problem, method)
-        if method.symmetry == "sector":
-            require_sector(problem.deformable)
         watch.lap("build")
         follower = _Follower(watch, progress or (lambda _: None), on_frame)
         work = most_work(problem, method, finer=finer)
@@ -124,6 +120,26 @@ def solve_static(
                 problem, method, store, follower, sought=otherwise, work=work, finer=finer
             )
         return answer.beside({"work": spent})
+
+
+def check_static(problem: Problem, method: Static) -> Problem:
+    """Return a problem with the elements that it is solved with; reject what no static run answers.
+
+    Errors are those of `solve_static` that are known before it solves.
+    """
+    problem = _of_usual_degree(problem, require_problem(problem))
+    problem.require_static()
+    problem.require_action()
+    if method.accuracy is not None:
+        checked_targets(method.accuracy)
+    if _asks_to_refine(method) or not method.error_estimate:
+        refines(problem, method)
+    check_system(problem.deformable, method.symmetry)
+    return problem
+
+
+def _asks_to_refine(method: Static) -> bool:
+    return method.accuracy is not None or method.mesh == "converged"
 
 
 def most_work(problem: Problem, method: Static, *, finer: bool) -> float | None:
@@ -314,7 +330,7 @@ def refines(problem: Problem, method: Static) -> bool:
     AccuracyError
         As `solve_static`; and error bars left out of a state that has them.
     """
-    asked = method.accuracy is not None or method.mesh == "converged"
+    asked = _asks_to_refine(method)
     if method.mesh == "scene":
         return False
     if problem.after is not None:

@@ -10,7 +10,7 @@ import numpy as np
 
 from fem.contact.law import COUNTED_PRESSURE, counted_stiffness
 from fem.contact.search import corner_area_vectors
-from fem.system.body import Body, ModelError, refuse_turning_springs
+from fem.system.body import Body
 from fem.system.contact_state import block_surfaces
 from fem.system.effects import Effects
 from fem.system.system import System, unresisted_motions
@@ -63,14 +63,6 @@ class TimedSystem:
     """Of the bodies at time 0, (n_copies, n_nodes, 3) [mm/s]; None: at rest."""
     settled_after: float = 0.0
     """When loads and supports have arrived: a static state may be found from then on [s]."""
-
-    def __post_init__(self) -> None:
-        if self.effects.finite_rotation:
-            refuse_turning_springs(self.system.bodies)
-        elif any(load.follows_block for load in self.system.forces):
-            raise ModelError(
-                "loads: follows_block needs finite rotation; set effects.finite_rotation"
-            )
 
     @cached_property
     def critical(self) -> CriticalTimeStep:

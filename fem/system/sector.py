@@ -18,7 +18,7 @@ from scipy.spatial import cKDTree
 
 from fem.contact.pair_laws import PairLaws
 from fem.contact.search import SearchedPoints
-from fem.system.system import Orbits, System, TurnedOver
+from fem.system.system import Orbits, System, TurnedOver, unresisted_motions
 from geometry.block import Block
 from geometry.errors import RefusedError
 from geometry.mesh import FloatArray, IntArray, cross_matrix
@@ -83,6 +83,19 @@ def largest_cyclic_orbits(system: System) -> Orbits:
             except SymmetryError:
                 continue
     return system.orbits
+
+
+def check_system(system: System, symmetry: str) -> None:
+    """Reject a sector that is none, and loads that move a periodic cell as a whole.
+
+    Raises
+    ------
+    SymmetryError, ModelError
+        Saying so.
+    """
+    if symmetry == "sector":
+        require_sector(system)
+    unresisted_motions(system)
 
 
 def require_sector(system: System) -> None:

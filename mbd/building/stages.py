@@ -301,6 +301,12 @@ class Construction:
     solve: Callable[[RigidStatement, Rigid], Answer]
     """Answers one stage as a problem of its own."""
 
+    def check(self) -> None:
+        """Reject an order and props that are stated wrongly; an order to be found is not sought."""
+        _ = self.blocks, self.weight, self._may
+        if self.stated.order != "found":
+            _ = self.order
+
     def judged(self) -> StageResults:
         """Judge all stages; errors are those of `mbd.stages`."""
         stages = list[Stage]()

@@ -148,6 +148,25 @@ class FrictionalContacts:
         return slope * (forces[:, 0] > 0.0)[:, None, None]
 
 
+def check_coefficients(friction: FloatArray) -> None:
+    """Reject coefficients of friction that no joint has."""
+    wrong = friction[~(np.isfinite(friction) & (friction >= 0.0))]
+    if wrong.size:
+        raise RigidFrictionError(f"friction: got {wrong[0]}, expected 0 or a positive number")
+    most = float(friction.max(initial=0.0))
+    if most > MOST_FRICTION:
+        raise RigidFrictionError(
+            f"friction: got {most:g}, expected a coefficient up to {MOST_FRICTION:g}; an "
+            "angle of friction φ is given as its tangent: 30° is 0.577"
+        )
+
+
+def require_live(live: FloatArray) -> None:
+    """Reject a load that cannot grow, as there is none."""
+    if not live.any():
+        raise RigidFrictionError("limit load: the live load is zero; expected one that can grow")
+
+
 def frictional_contacts(
     assembly: AnyBlocks,
     contacts: RigidContacts,
@@ -158,16 +177,7 @@ def frictional_contacts(
 
     Friction is that of all contacts, or of each one, (n_contacts,).
     """
-    every = np.atleast_1d(friction)
-    wrong = every[~(np.isfinite(every) & (every >= 0.0))]
-    if wrong.size:
-        raise RigidFrictionError(f"friction: got {wrong[0]}, expected 0 or a positive number")
-    most = float(every.max(initial=0.0))
-    if most > MOST_FRICTION:
-        raise RigidFrictionError(
-            f"friction: got {most:g}, expected a coefficient up to {MOST_FRICTION:g}; an "
-            "angle of friction φ is given as its tangent: 30° is 0.577"
-        )
+    check_coefficients(np.atleast_1d(friction))
     normals = assembly.interfaces.normals[contacts.index]
     # Rounded: joints that mirror each other have mirrored tangents where two axes are as far.
     axis = np.eye(3)[np.abs(normals).round(6).argmin(axis=1)]
@@ -420,8 +430,7 @@ class CollapseLoad:
 
 def collapse_load(contacts: FrictionalContacts, dead: FloatArray, live: FloatArray) -> CollapseLoad:
     """Limit analysis: the largest α such that dead + α live, (n_rows,) each [N], can be carried."""
-    if float(np.linalg.norm(live)) == 0.0:
-        raise RigidFrictionError("limit load: the live load is zero; expected one that can grow")
+    require_live(live)
     base = frictional_equilibrium(contacts, dead)
     if not base.holds:
         verdict = "not decided" if base.mechanism is None else "not carried"

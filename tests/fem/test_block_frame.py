@@ -9,7 +9,7 @@ from fem.explicit.kernels import SERIAL
 from fem.explicit.solve import run_explicit
 from fem.explicit.start import prepare
 from fem.explicit.step import placed_internal_force
-from fem.system.body import ModelError, placed_body
+from fem.system.body import placed_body
 from fem.system.effects import BulkViscosity, Effects, RayleighDamping
 from fem.system.forces import SmoothStepAmplitude
 from tests.support.fem_problems import CONCRETE, distorted_box
@@ -191,10 +191,3 @@ def test_following_load_turns_with_the_block():
         # The last step is left out of the velocity and the end time is rounded up to a step.
         np.testing.assert_allclose(drift[:2], expected, atol=3 * acceleration * result.time_step)
         assert result.energy_balance < 1e-4
-
-
-def test_following_load_needs_finite_rotation():
-    group = group_of(1)
-    load = nodal_load(0, np.ones((group.n_nodes, 3)), follows_block=True)
-    with pytest.raises(ModelError, match="finite rotation"):
-        lone_bodies((group,), loads=(load,))

@@ -39,6 +39,7 @@ from geometry.parts.placed import AnyBlocks
 from geometry.parts.regions import Plane, Where
 from mbd import Rigid, analyse
 from tests.support.blocks import tsb
+from validation import Case
 
 X, Y, Z = np.eye(3)
 _EDGE = 40.0
@@ -299,15 +300,29 @@ def numbers(effects: frozenset[str], method: str, on: str) -> dict[str, tuple[st
     return result
 
 
-def _solved(one: Stated, method: str) -> Answer:
-    problem = one.stated
+def _method(one: Stated, method: str) -> Any:
+    """How a statement is solved."""
     if method == "rigid":
-        return analyse(problem, Rigid())
-    symmetry = {"symmetry": "none", **one.method}
+        return Rigid()
+    symmetry: Any = {"symmetry": "none", **one.method}
     if method == "static":
         fast: Any = {"mesh": "scene", "error_estimate": False, "load_steps": 1, "motion_steps": 2}
-        return solve_static(problem, Static(**fast, **symmetry))
-    run = Explicit(damping="none", ramp_time=5e-5, end_time=1e-4, sample_interval=5, **symmetry)
+        return Static(**fast, **symmetry)
+    return Explicit(damping="none", ramp_time=5e-5, end_time=1e-4, sample_interval=5, **symmetry)
+
+
+def check(effects: frozenset[str], method: str, on: str) -> None:
+    """Reject what a method does not answer, as `solve` does before it solves."""
+    one = stated(effects, on)
+    Case(one.stated, _method(one, method)).check()
+
+
+def _solved(one: Stated, method: str) -> Answer:
+    problem, run = one.stated, _method(one, method)
+    if method == "rigid":
+        return analyse(problem, run)
+    if method == "static":
+        return solve_static(problem, run)
     if not one.checkpoint:
         return solve_explicit(problem, run)
     with TemporaryDirectory() as folder:

@@ -22,6 +22,7 @@ from fem.explicit.solve import Run
 from fem.explicit.timed import RecommendedTimes, TimedSystem
 from fem.problem import Motion
 from fem.state import State
+from fem.system.body import ModelError, refuse_turning_springs
 from fem.system.contact_state import facing_points, searched_state
 from fem.system.effects import EffectError, Effects
 from fem.system.forces import ALL_THE_WAY, SmoothStepAmplitude, TabularAmplitude
@@ -109,6 +110,8 @@ def timed_system(
     ContactError, EffectError, FrictionError, ModelError, TimeStepError
         If the model, a load or an option is not valid for an explicit run.
     """
+    turning = effects is not None and effects.finite_rotation
+    check_timed(deformable, finite_rotation=turning, ramp_time=ramp_time, end_time=end_time)
     # What presses before any load acts is counted too.
     before = -deformable.surfaces.clearance
     at_start = max(float(law.pressure(before)) for law in deformable.contact.law.members)
@@ -121,7 +124,7 @@ def timed_system(
     if system.contact.finite_sliding:
         system = _at_start(system)
     times, ramp, end = _times(system, effects, ramp_time, end_time)
-    moved = _end_of_motion(deformable, ramp)
+    moved = _end_of_motion(deformable)
     if end_time is None:
         end += max(moved - ramp, 0.0)
     stated = TimedSystem(
@@ -138,6 +141,41 @@ def timed_system(
     if motion is None:
         return stated
     return replace(stated, velocities=motion.velocities(stated.bodies))
+
+
+def check_timed(
+    system: System, *, finite_rotation: bool, ramp_time: float | None, end_time: float | None
+) -> None:
+    """Reject what no explicit run has, by what is known before it; errors as `timed_system`."""
+    if finite_rotation:
+        refuse_turning_springs(system.bodies)
+    elif any(load.follows_block for load in system.forces):
+        raise ModelError("loads: follows_block needs finite rotation; set effects.finite_rotation")
+    at_once = ramp_time is not None and ramp_time <= 0.0
+    if at_once and any(share is ALL_THE_WAY for share in system.supports.tables):
+        raise TimeStepError(
+            "ramp_time: got 0 with a support that moves; expected the time of its smooth "
+            "step in seconds, or a table of its motion"
+        )
+    if not system.meets:
+        if end_time is None:
+            raise TimeStepError(
+                "`end_time` is missing: an explicit run of single bodies needs its end in seconds"
+            )
+        return
+    for law in system.contact.law.members:
+        _ = law.constants  # laws of one's own have none
+    if system.contact.normals is not ContactNormals.REFERENCE:
+        return
+    if system.contact.finite_sliding:
+        raise ContactError(
+            "normals: got reference normals with finite sliding, which an explicit run measures "
+            "along current ones; expected ContactNormals.CURRENT, or a static run"
+        )
+    if system.contact.friction is not None:
+        raise FrictionError(
+            "friction: got contact with reference normals, expected current normals"
+        )
 
 
 def _orbits(
@@ -163,14 +201,9 @@ def _orbits(
     return with_half_turn(deformable, orbits) if half else orbits
 
 
-def _end_of_motion(deformable: System, ramp: float) -> float:
+def _end_of_motion(deformable: System) -> float:
     """When supports that move have arrived [s]; 0 without any."""
     moving = deformable.supports.tables
-    if ramp <= 0.0 and any(share is ALL_THE_WAY for share in moving):
-        raise TimeStepError(
-            "ramp_time: got 0 with a support that moves; expected the time of its smooth "
-            "step in seconds, or a table of its motion"
-        )
     ends = [s.times[-1] for s in moving if isinstance(s, TabularAmplitude) and s is not ALL_THE_WAY]
     return max(ends, default=0.0)
 
@@ -181,10 +214,7 @@ def _times(
     """Times that are recommended, where any are; ramp and end of the run [s]."""
     deformable, points = system, system.points
     if not deformable.meets:
-        if end_time is None:
-            raise TimeStepError(
-                "`end_time` is missing: an explicit run of single bodies needs its end in seconds"
-            )
+        assert end_time is not None
         return None, 0.5 * end_time if ramp_time is None else ramp_time, end_time
     if isinstance(points, SearchedPoints):
         start = searched_state(points, np.zeros_like(points.corners), None)
@@ -268,20 +298,11 @@ def _stick(system: System, counted_pressure: float) -> float:
             f"stick_stiffness: got {stick} MPa/mm, expected at most {counted:.4g}, the contact "
             "stiffness included in the critical time step"
         )
-    if system.contact.normals is ContactNormals.REFERENCE:
-        raise FrictionError(
-            "friction: got contact with reference normals, expected current normals"
-        )
     return stick
 
 
 def _at_start(system: System) -> System:
     """System with the points of a search before any displacement."""
-    if system.contact.normals is ContactNormals.REFERENCE:
-        raise ContactError(
-            "normals: got reference normals with finite sliding, which an explicit run measures "
-            "along current ones; expected ContactNormals.CURRENT, or a static run"
-        )
     points = facing_points(system, slight=SLIGHT)
     return system.on(points_of_search(points, system.surfaces.clearance))
 
