@@ -24,7 +24,6 @@ from validation import Case, load_case, solve
 #: Scenes of the coverage: three shapes under three loads, contact on slopes, waves and flanks.
 CASES = {
     "tsb1-pipe": ("mesh.around={}", 18, "mesh.radial={}", 3, "mesh.axial={}", 6),
-    "tsb2-pipe": ("mesh.around={}", 18, "mesh.radial={}", 3, "mesh.axial={}", 6),
     "tsb1-shaft": ("mesh.around={}", 18, "mesh.radial={}", 3, "mesh.axial={}", 6),
     "thb0-tunnel": ("mesh.edge={}", 6, "mesh.radial={}", 3),
 }
@@ -43,7 +42,7 @@ def solved(name: str, factor: int) -> Answer:
 
 
 def test_estimates_cover_nine_of_ten_errors() -> None:
-    """Nine measures of four scenes, judged by meshes twice as fine in every direction.
+    """Nine measures of three scenes, judged by meshes twice as fine in every direction.
 
     The error against the finer mesh is not all of the error: where a measure falls like the size
     of an element it is half of it. What is asked is what the estimate promises for that half.
@@ -58,7 +57,7 @@ def test_estimates_cover_nine_of_ten_errors() -> None:
             true = abs(run[measure].value - reference[measure].value)
             if true > error:
                 missed.append((name, measure, true, error))
-    assert judged == 36
+    assert judged == 27
     assert len(missed) <= judged // 10, missed
 
 

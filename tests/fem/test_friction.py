@@ -130,9 +130,9 @@ def sheared(length, modulus):
 
 @pytest.mark.slow
 def test_bars_hold_the_answer_of_ten_times_the_stick():
-    """Of every measure of three cubes under their weight but stresses at points, which two meshes
+    """Of every measure of two cubes under their weight but stresses at points, which two meshes
     do not resolve. Elastic stick is no part of the problem."""
-    boxes = [{"size": [60.0] * 3, "divisions": [2, 2, 2]}] * 3
+    boxes = [{"size": [60.0] * 3, "divisions": [2, 2, 2]}] * 2
     scene = {
         "block": {"type": "boxes", "boxes": boxes},
         "material": {"name": "concrete"},
@@ -140,7 +140,7 @@ def test_bars_hold_the_answer_of_ten_times_the_stick():
     }
     problem = load_case(scene, method="static").problem
     friction = replace(problem.coulomb, stick_stiffness=10.0 * problem.deformable.stick())
-    two = Static(max_work=2.0)
+    two = Static(max_work=0.8)
     usual, stiffer = (solve_static(p, two) for p in (problem, replace(problem, friction=friction)))
     assert len(usual.report["meshes"]) == len(stiffer.report["meshes"]) == 2
     judged = [name for name, m in usual.measures.items() if m.is_number and m.error is not None]
