@@ -122,20 +122,25 @@ DISTANT = ("tsb1-tunnel", "max_displacement")
 
 
 @pytest.mark.slow
-def test_error_bars_cover_nine_of_ten_errors() -> None:
-    """Three tubes on the first rungs, judged by values of meshes of many times the unknowns.
+@pytest.mark.parametrize(
+    ("names", "far", "least"),
+    [
+        (("tsb1-pipe", "tsb2-pipe", "tsb1-tunnel"), False, 25),
+        pytest.param(("tsb1-pipe",), True, 20, marks=pytest.mark.thorough),
+    ],
+)
+def test_error_bars_cover_nine_of_ten_errors(names: tuple[str, ...], far: bool, least: int) -> None:
+    """Tubes on the first rungs, judged by values of meshes of many times the unknowns.
 
     From the third mesh on: before it no bar is believed. Stresses at edges have one from the fourth
-    mesh of their ladder on. One of the tubes climbs so far, and the ladders of many unknowns. A
-    rung of two ladders is solved once.
+    mesh of their ladder on, and on the ladder of peaks. A rung of two ladders is solved once.
     """
     missed, judged = [], 0
-    for name in ("tsb1-pipe", "tsb2-pipe", "tsb1-tunnel"):
+    for name in names:
         tube = stated(name, "assembly.layers=2")
         known = references()[f"{name}, assembly.layers = 2"]
-        first = name == "tsb1-pipe"
-        climbs = ((LADDER, LEAST_MESHES, 4 if first else 3), (PRESSURES, LEAST_MESHES, 3))
-        climbs += ((DEGREES, 4, 4), (PEAKS, LEAST_MESHES, 3)) if first else ()
+        climbs = ((LADDER, LEAST_MESHES, 4 if far else 3), (PRESSURES, LEAST_MESHES, 3))
+        climbs += ((PEAKS, LEAST_MESHES, 3),) if far else ()
         rungs = dict.fromkeys(rung for ladder, _, n in climbs for rung in ladder[:n])
         by_rung = dict(zip(rungs, climbed(tube, rungs), strict=True))
         for ladder, first, n in climbs:
@@ -151,7 +156,7 @@ def test_error_bars_cover_nine_of_ten_errors() -> None:
                     error = abs(found[k - 1][key].value - reference.value)
                     if error > bars[key] + reference.uncertainty:
                         missed.append((name, k, key))
-    assert judged >= 45  # stresses at edges, and what one mesh alone resolves, have no bar
+    assert judged >= least  # stresses at edges, and what one mesh alone resolves, have no bar
     assert len(missed) <= judged // 10, missed
 
 
@@ -234,7 +239,7 @@ def test_command(tubelock) -> None:  # type: ignore[no-untyped-def]
     assert [mesh["degree"] for mesh in data["meshes"]] == [r.degree for r in DEGREES[:LEAST_MESHES]]
 
 
-@pytest.mark.parametrize("name", ["thb0-tunnel", "tsb1-shaft", "osteomorphic"])
+@pytest.mark.parametrize("name", ["thb0-tunnel", "osteomorphic"])
 def test_other_families_and_loads_are_refined_too(tubelock, name) -> None:  # type: ignore[no-untyped-def]
     """Means over facets are those of the facets of the scene, on every mesh."""
     short = ["--set", "assembly.layers=1", "--json", "f.json"]

@@ -265,11 +265,9 @@ def test_a_body_that_starts_strained_and_at_rest_has_no_viscous_force(name, turn
     np.testing.assert_allclose(damped, elastic, rtol=0, atol=1e-12 * abs(elastic).max())
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("n_steps", [100_000, 300_000])
-def test_energy_does_not_drift(n_steps: int):
+def test_energy_does_not_drift():
     # Round-off alone gives 1e-16 · n at the very worst.
-    group = placed_body(cube(1), CONCRETE)
+    n_steps, group = 100_000, placed_body(cube(1), CONCRETE)
     rng = np.random.default_rng(0)
     velocity = rng.standard_normal((1, 8, 3))
     velocity[0, :3] = 0.0

@@ -62,7 +62,7 @@ def test_a_box_that_was_built_aside_and_reference_normals():
         assert np.abs(moment.sum(axis=0)).max() < 1e-2 * 50.0
 
 
-@pytest.mark.parametrize(("divisions", "base"), [(4, 3), (2, 16)])
+@pytest.mark.parametrize(("divisions", "base"), [(4, 3), (2, 9)])
 def test_a_tall_block_stands_up_to_the_edge_of_its_face(divisions, base):
     """Weight W in the middle of 120 mm and a push of W t / 3 there tip a block of 40 mm about its
     edge at t = 1. It stands at 0.98, carried at 20 t from the middle, but for the springs that keep

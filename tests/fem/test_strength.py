@@ -140,7 +140,7 @@ def test_the_bar_of_a_factor_is_that_of_the_stress_at_the_factor() -> None:
     """A run at the factor has another relative bar: contact is stiffer there."""
     blocks = ring(1, (12, 2, 4))
     material = replace(concrete, tensile_strength=3.0)
-    with small_meshes():
+    with small_meshes(1, 2, 3):
         factor = solve_static(Problem(blocks, pipe(0.01), material))["cracking_factor"]
         load = pipe(0.01 * factor.value)
         stress = solve_static(Problem(blocks, load, concrete))["sigma_1_averaged"]
