@@ -26,8 +26,8 @@ TUBE = keys(1, 1)
 HEXAGONS = {"mesh.edge": 4, "mesh.radial": 1, "assembly.layers": 1}
 COARSE = {"mesh.divisions": 1}
 LOADS = ("beam", "pillar", "pipe", "shaft", "tunnel")
-#: Built-in scenes on coarse meshes, of other tubes than `tsb1` some. `wall`, `spinning-block` and `beam-on-springs` have what no
-#: deck that is read has.
+#: Built-in scenes on coarse meshes, of tubes beside TSB1 some. `wall`, `spinning-block` and
+#: `beam-on-springs` have what no deck that is read has.
 SCENES = {
     **{f"tsb1-{load}": TUBE for load in LOADS},
     "tsb2-beam": TUBE,
