@@ -650,8 +650,7 @@ class Problem:
             curved,
             force_rows,
             ground_loads,
-            held_faces,
-            held_rows,
+            support_rows,
         )
         from fem.system.system import Contact, System
 
@@ -671,7 +670,6 @@ class Problem:
         bodies, group_of, copy_of = block_groups(
             assembly, deforms, offsets, self.materials, self.element, held=load.held
         )
-        faces = load.held if self.frames is Frames.RIGID else held_faces(assembly, load)
         return System(
             assembly=assembly,
             bodies=bodies,
@@ -680,7 +678,7 @@ class Problem:
             offsets=offsets,
             surfaces=surfaces,
             contact=Contact(self.contact_law, self.normals, self.coulomb, sliding),
-            supports=held_rows(assembly, faces),
+            supports=support_rows(assembly, load, rigid=self.frames is Frames.RIGID),
             forces=force_rows(assembly, load, deforms),
             gravity=self.acceleration,
             on_ground=ground_loads(assembly, load, group_of),

@@ -1,7 +1,7 @@
 """Supports of a problem in the words of decks: sets of nodes, their axes, springs, motions.
 
-A deck names faces and node sets. A region without a name is a set of the nodes that lie in it; a
-bed of springs is one spring to the ground at each node, ∫ k N_a dA.
+Rows of supports are those of the solvers. Nodes that make up faces are held by the names of these,
+others as a set of nodes; a bed of springs is one spring to the ground at each node, ∫ k N_a dA.
 """
 
 from __future__ import annotations
@@ -14,10 +14,12 @@ import numpy as np
 from fem.decks.deck import ALL, FRAME, LOADING, Deck, Flavour
 from fem.decks.keywords import DeckError, entry_lines, keyword, label, real, reals
 from fem.problem import Frames, Problem
-from fem.system.build import held_faces
-from fem.system.forces import traction_forces
+from fem.system.build import support_rows
+from fem.system.forces import ALL_THE_WAY, TabularAmplitude, traction_forces
+from fem.system.held import HeldRows
+from geometry.block import Block
 from geometry.mesh import FloatArray
-from geometry.parts.regions import region_nodes, region_quads
+from geometry.parts.regions import region_quads
 from geometry.parts.supports import HeldFace
 
 #: Directions that lean from a world axis by less lie along it [-].
@@ -61,39 +63,65 @@ Supports = dict[HeldNodes, dict[int, Way]]
 
 
 def supports_of(problem: Problem) -> Supports:
-    """What holds nodes of a problem, without springs: whole blocks, faces, regions.
+    """What holds nodes of a problem, without springs: blocks that do not deform, and its rows.
 
     Raises
     ------
-    DeckError
-        Motions along directions of one node that are not orthogonal.
+    ModelError
+        Two supports that move one node by different lengths along one direction.
     """
-    blocks, load = problem.blocks, problem.load_case
-    rigid = problem.frames is Frames.RIGID
-    result: Supports = {}
-    for block in np.flatnonzero(load.fixed).tolist() if rigid else ():
-        result[HeldNodes(block)] = dict.fromkeys(range(3), _STAYS)
-    held = [s for s in (load.held if rigid else held_faces(blocks, load)) if s.spring is None]
-    leaning = {support.block for support in held if _world_axes(support) is None}
-    for support in held:
-        if support.block in leaning:
-            continue
-        if isinstance(support.face, str):
-            nodes = HeldNodes(support.block, support.face)
-        else:
-            inside = region_nodes(blocks, support.block, support.face).tolist()
-            nodes = HeldNodes(support.block, nodes=tuple(inside))
-        for axis in _world_axes(support) or ():
-            result.setdefault(nodes, {})[axis] = _way(support, np.eye(3)[axis])
-    for block in sorted(leaning):
-        result |= _leaning(problem, block, [s for s in held if s.block == block])
+    blocks, fixed = problem.blocks, np.flatnonzero(~problem.deforming).tolist()
+    result: Supports = {HeldNodes(block): dict.fromkeys(range(3), _STAYS) for block in fixed}
+    rows = support_rows(blocks, problem.load_case, rigid=problem.frames is Frames.RIGID)
+    for block in dict.fromkeys(rows.block.tolist()):
+        result |= _of_block(block, blocks.shape(block), blocks.rotations[block], rows)
     return result
 
 
-def _way(support: HeldFace, along: FloatArray) -> Way:
-    """Way of a support along a direction."""
-    moved = 0.0 if support.displacement is None else float(along @ support.displacement)
-    return moved, support.path if support.moves else ()
+def _of_block(block: int, shape: Block, turn: FloatArray, rows: HeldRows) -> Supports:
+    """Faces of a block that are held alike along world axes, else nodes that are."""
+    at: dict[int, tuple[list[FloatArray], list[Way]]] = {}
+    for k in np.flatnonzero(rows.block == block).tolist():
+        axes, ways = at.setdefault(int(rows.node[k]), ([], []))
+        axes.append(turn @ rows.direction[k])
+        ways.append(_way(rows, k))
+    level: dict[tuple[int, Way], list[int]] = {}
+    leaning: dict[tuple[tuple[float, ...], tuple[tuple[int, Way], ...]], list[int]] = {}
+    for node, (axes, ways) in at.items():
+        framed, components = _framed(axes, ways)
+        if framed is not None:
+            leaning.setdefault((framed, components), []).append(node)
+        for component in components if framed is None else ():
+            level.setdefault(component, []).append(node)
+    result: Supports = {}
+    for (axis, way), nodes in sorted(level.items(), key=lambda item: item[0][0]):
+        for held in _sets(block, shape, set(nodes)):
+            result.setdefault(held, {})[axis] = way
+    for (framed, components), nodes in leaning.items():
+        result[HeldNodes(block, nodes=tuple(sorted(nodes)), axes=framed)] = dict(components)
+    return result
+
+
+def _way(rows: HeldRows, k: int) -> Way:
+    """Way of a row of supports, and the table that moves it."""
+    value, table = float(rows.value[k]), int(rows.table[k])
+    if not value:
+        return _STAYS
+    share = rows.tables[table]
+    if share is ALL_THE_WAY or not isinstance(share, TabularAmplitude):
+        return value, ()
+    return value, tuple(zip(share.times, share.values, strict=True))
+
+
+def _sets(block: int, shape: Block, nodes: set[int]) -> list[HeldNodes]:
+    """Faces that have these nodes of a block together, the largest first; else the nodes."""
+    left, result = set(nodes), []
+    faces = {name: set(np.unique(quads).tolist()) for name, quads in shape.faces.items()}
+    for name, face in sorted(faces.items(), key=lambda item: -len(item[1])):
+        if face <= nodes and face & left:
+            result.append(HeldNodes(block, name))
+            left -= face
+    return [HeldNodes(block, nodes=tuple(sorted(nodes)))] if left else result
 
 
 def _world_axes(support: HeldFace) -> tuple[int, ...] | None:
@@ -102,33 +130,6 @@ def _world_axes(support: HeldFace) -> tuple[int, ...] | None:
     if np.abs(np.abs(support.axes) - np.eye(3)[largest]).max() > _ALONG:
         return None
     return tuple(sorted(largest.tolist()))
-
-
-def _leaning(problem: Problem, block: int, supports: list[HeldFace]) -> Supports:
-    """Supports of a block of which some lean: nodes that are held alike, along their own axes."""
-    at: dict[int, tuple[list[FloatArray], list[Way]]] = {}
-    for support in sorted(supports, key=lambda one: not one.moves):
-        for node in region_nodes(problem.blocks, block, support.face).tolist():
-            axes, ways = at.setdefault(node, ([], []))
-            for along in support.axes:
-                left = along - sum((axis * (axis @ along) for axis in axes), np.zeros(3))
-                size, way = float(np.linalg.norm(left)), _way(support, along)
-                if size <= _ALONG:
-                    continue
-                if size < 1.0 - _ALONG and (way[0] or any(value for value, _ in ways)):
-                    raise DeckError(
-                        f"support {support.title}: a node moves along directions that are not "
-                        "orthogonal; expected such, or supports that stay"
-                    )
-                axes.append(left / size)
-                ways.append(way)
-    alike: dict[tuple[tuple[float, ...] | None, tuple[tuple[int, Way], ...]], list[int]] = {}
-    for node, (axes, ways) in at.items():
-        alike.setdefault(_framed(axes, ways), []).append(node)
-    return {
-        HeldNodes(block, nodes=tuple(sorted(nodes)), axes=axes): dict(components)
-        for (axes, components), nodes in alike.items()
-    }
 
 
 def _framed(

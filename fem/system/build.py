@@ -323,26 +323,21 @@ def outer_face(assembly: Assembly, block: int) -> str:
     return names[0]
 
 
-def held_faces(assembly: Assembly, load: LoadCase) -> tuple[HeldFace, ...]:
-    """Faces that hold blocks that deform, where frames deform: those stated, then outer ones.
+def support_rows(assembly: Assembly, load: LoadCase, *, rigid: bool) -> HeldRows:
+    """Rows of what holds or moves blocks that deform: as stated, and the outer faces of frames.
+
+    ``rigid`` says that fixed blocks do not deform.
 
     Raises
     ------
     DeformableAssemblyError
         As `outer_face`.
-    """
-    blocks = np.flatnonzero(load.fixed).tolist()
-    return (*load.held, *(HeldFace(block, outer_face(assembly, block)) for block in blocks))
-
-
-def held_rows(assembly: Assembly, faces: tuple[HeldFace, ...]) -> HeldRows:
-    """Hold or move parts of blocks that deform.
-
-    Raises
-    ------
     ModelError
         Two supports that move one node by different lengths along one direction.
     """
+    faces = list(load.held)
+    for block in [] if rigid else np.flatnonzero(load.fixed).tolist():
+        faces.append(HeldFace(block, outer_face(assembly, block)))
     of_block: dict[int, list[HeldFace]] = {}
     for held in faces:
         if held.spring is None:
