@@ -28,14 +28,12 @@ import scipy.linalg
 import scipy.linalg.blas
 from scipy.sparse import csr_array
 
-from fem.static.linear_step.condensation import Elimination
+from fem.static.linear_step.condensation import Elimination, mirror
 from geometry.machine.work import count_elimination
 from geometry.mesh import BoolArray, FloatArray, IntArray
 
 #: Columns are congruent where nodes map onto each other to this part of their size.
 _CONGRUENT = 1e-9
-#: Rows of a symmetric matrix that are mirrored at once.
-_TILE = 128
 
 
 @dataclass(frozen=True)
@@ -372,12 +370,7 @@ def _subtract_square(matrix: FloatArray, factor: FloatArray) -> None:
         return
     # The lower triangle in Fortran order is the upper one of the matrix.
     scipy.linalg.blas.dsyrk(-1.0, factor, beta=1.0, c=matrix.T, trans=1, lower=1, overwrite_c=1)
-    n = len(matrix)
-    for a in range(0, n, _TILE):
-        b = min(a + _TILE, n)
-        matrix[b:, a:b] = matrix[a:b, b:].T
-        corner = np.triu(matrix[a:b, a:b])
-        matrix[a:b, a:b] = corner + np.triu(corner, 1).T
+    mirror(matrix)
 
 
 #: Unknowns of a part, ascending, and its stiffness on them.

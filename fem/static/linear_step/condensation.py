@@ -26,6 +26,8 @@ from geometry.mesh import BoolArray, FloatArray, IntArray
 
 #: Elements of a part that is not bisected further: smaller costs calls, larger costs products.
 _LEAF_ELEMENTS = 48
+#: Rows of a symmetric matrix that are mirrored at once.
+_TILE = 128
 
 
 @dataclass(frozen=True)
@@ -145,8 +147,18 @@ def condense(group: Body, retained: IntArray) -> CondensedBlock:
     nodes, _, stiffness = visit(np.arange(len(elements_of)))
     if not np.array_equal(nodes, retained):
         raise AssertionError("condensation: retained nodes are not what remained")
-    stiffness = np.tril(stiffness) + np.tril(stiffness, -1).T
+    mirror(stiffness.T)
     return CondensedBlock(retained, stiffness, n_nodes, tuple(parts))
+
+
+def mirror(matrix: FloatArray) -> None:
+    """Copy the upper triangle of a matrix in C order to the lower one: it is symmetric."""
+    n = len(matrix)
+    for a in range(0, n, _TILE):
+        b = min(a + _TILE, n)
+        matrix[b:, a:b] = matrix[a:b, b:].T
+        corner = np.triu(matrix[a:b, a:b])
+        matrix[a:b, a:b] = corner + np.triu(corner, 1).T
 
 
 def _halves(

@@ -10,7 +10,7 @@ import numpy as np
 import scipy.linalg
 from scipy.sparse import csr_array
 
-from fem.static.linear_step.condensation import CondensedBlock, condense
+from fem.static.linear_step.condensation import CondensedBlock, condense, mirror
 from fem.static.linear_step.linearisation import UnheldBlocksError
 from fem.system.body import Body, rigid_motions
 from geometry.machine.work import Operation, count
@@ -61,8 +61,8 @@ def symmetric_pseudo_inverse(stiffness: FloatArray, rigid: FloatArray) -> FloatA
     if fail:
         raise UnheldBlocksError("a block's stiffness is not positive definite", ())
     inverse, _ = scipy.linalg.lapack.dpotri(factor, lower=1, overwrite_c=1)
-    lower = np.tril(inverse)
-    full: FloatArray = lower + np.tril(inverse, -1).T
+    full: FloatArray = inverse.T
+    mirror(full)
     full -= basis @ basis.T / scale
     return full
 
