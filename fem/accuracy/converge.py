@@ -126,6 +126,9 @@ class Solved:
     numbers: OnMesh
     spent: Budget
     """Operations of this mesh alone."""
+    load_steps: int | None = None
+    """Those that a finer mesh takes as well, with the change by half as many; None: it doubles
+    its own."""
 
     @property
     def measures(self) -> Mapping[str, Measure]:
@@ -377,7 +380,11 @@ def _solve(
     with budget() as spent:
         state, facets = _state(base, stated, options, before, factor)
         measures = dict(measures_of(state, facets=facets))
-        steps = load_step_change(state)
+        steps, load_steps = load_step_change(state), None
+        if before is not None and before.load_steps is not None:
+            steps, load_steps = dict(before.numbers.steps), before.load_steps
+        elif before is not None and steps:
+            load_steps = state.evidence.load_steps
     beside = {
         "elements_per_block": stated.blocks.shapes[0].mesh.n_elements,
         "unknowns": state.displacement.size,
@@ -385,7 +392,8 @@ def _solve(
         "work": spent.seconds,
     }
     fine, along = fineness(stated), fineness(stated, "along")
-    return Solved(stated, state, facets, OnMesh(measures, rung, fine, along, steps, beside), spent)
+    numbers = OnMesh(measures, rung, fine, along, steps, beside)
+    return Solved(stated, state, facets, numbers, spent, load_steps)
 
 
 def _state(
@@ -408,6 +416,8 @@ def _state(
             known = tuple((one.load_factor, move(one.displacements)) for one in path)
             halved = max(options.load_steps, coarse.evidence.load_steps // 2)
             options = replace(options, load_steps=halved)
+            if before.load_steps is not None:
+                options = replace(options, load_steps=before.load_steps, load_tolerance=None)
     state = static_state(deformable, options, start=start, known=known)
     facets = None
     if deformable.meets and not deformable.contact.finite_sliding:

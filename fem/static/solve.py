@@ -103,8 +103,8 @@ def static_state(
         options = replace(options, load_steps=max(options.load_steps, _INCREMENTS))
     elif not system.meets:  # linear: all at once
         options = replace(options, motion_steps=None, symmetry=1)
+    near = dict(known) if way_counts and start is None and not before else {}
     doubles = options.load_tolerance is not None and way_counts and start is None
-    near = dict(known) if doubles and not before else {}
 
     def in_parts(parts: int) -> State:
         once, result = replace(options, load_steps=parts), None

@@ -34,8 +34,12 @@ from fem.accuracy.ladder import (
     graded_to_both_ends,
     graded_to_one_end,
 )
+from fem.static.path import LOAD_TOLERANCE
+from fem.static.problem import StaticOptions
+from fem.static.solve import path_change, static_state
 from geometry import Measure
 from tests.fixtures.commands import small_meshes
+from tests.support.coarse_tubes import pressed
 from tests.support.commands import command
 from tests.support.own_blocks import column
 from tests.support.references import references
@@ -49,6 +53,18 @@ def refused(*asked: str) -> str:
     status, out, said = command("fem", "tsb1-pipe", *words, "--json", "-")
     assert (status, out, said.count("\n")) == (2, "", 1)
     return said
+
+
+def test_a_finer_mesh_takes_the_load_steps_that_the_one_before_needed() -> None:
+    """Half as many change pressures and displacements on it by no more than is tolerated, too."""
+    problem = pressed(friction=0.3)
+    rungs = [Rung(degree, 12, 1, 2, 1.0, 1.0) for degree in (1, 2, 3)]
+    first, second, third = climbed(problem, rungs)
+    assert first.load_steps is None
+    assert second.load_steps == third.load_steps == third.state.evidence.load_steps
+    assert second.numbers.steps == third.numbers.steps
+    half = static_state(third.problem.deformable, StaticOptions(load_steps=third.load_steps // 2))
+    assert 0.0 < path_change(half, third.state) <= LOAD_TOLERANCE
 
 
 @pytest.mark.parametrize("text", ["1%", "weight=1%", "p_eff"])
