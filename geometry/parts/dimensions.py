@@ -190,16 +190,48 @@ def dimensions(
 class _Samples:
     """Gauss points of the faces of blocks: volume, contact area and slope are of the same."""
 
-    def __init__(self) -> None:
+    def __init__(self) -> None:  # by the id of shapes: they outlive the samples
         self._known: dict[tuple[int, str], tuple[FloatArray, FloatArray]] = {}
+        self._parameters: dict[int, FloatArray] = {}
 
     def of(self, shape: Block, face: str) -> tuple[FloatArray, FloatArray]:
         """Points and vectors of areas of a face, (n, q, 3) each; see `_gauss_points`."""
-        key = id(shape), face  # shapes outlive the samples
+        key = id(shape), face
         if key not in self._known:
-            quads = shape.faces[face]
-            self._known[key] = _gauss_points(_exact(shape, quads), len(quads))
+            self._known[key] = self.on(shape, shape.faces[face])
         return self._known[key]
+
+    def on(self, shape: Block, quads: IntArray) -> tuple[FloatArray, FloatArray]:
+        """Points of facets of the exact shape, and the vectors of their areas, (n, q, 3) each."""
+        rule = np.polynomial.legendre.leggauss(_GAUSS if len(quads) < _MANY else _GAUSS_OF_MANY)
+        places, weights = _square(rule[0], rule[0])[None], np.outer(rule[1], rule[1]).ravel()
+        parts = []
+        for first in range(0, len(quads), _MANY):
+            points = self.exact(shape, quads[first : first + _MANY])
+            parts.append((points(places), weights[:, None] * _vectors(points, places)))
+        at, vectors = zip(*parts, strict=True)
+        return np.concatenate(at), np.concatenate(vectors)
+
+    def exact(self, shape: Block, quads: IntArray) -> Callable[[FloatArray], FloatArray]:
+        """Map places (n, q, 2) of facets, -1 to 1, to points of the shape, (n, q, 3) [mm].
+
+        Places (1, q, 2) are those of every facet.
+        """
+        curve, corners = shape.curve, shape.mesh.nodes[quads]
+        if curve is not None:
+            if id(shape) not in self._parameters:
+                self._parameters[id(shape)] = curve.parameters()
+            element, corner = facet_corners(shape.mesh, quads)
+            corners = self._parameters[id(shape)][element[:, None], corner]
+
+        def points(places: FloatArray) -> FloatArray:
+            along, across = places[..., None, 0], places[..., None, 1]
+            at = ((1.0 + along * _ALONG) * (1.0 + across * _ACROSS) / 4.0) @ corners
+            if curve is None:
+                return at
+            return curve.shape(at.reshape(-1, at.shape[2])).reshape(*at.shape[:2], 3)
+
+        return points
 
 
 def _volume(shape: Any, samples: _Samples) -> float:
@@ -209,7 +241,7 @@ def _volume(shape: Any, samples: _Samples) -> float:
     if sum(map(len, shape.faces.values())) == len(shape.boundary):
         faces = [samples.of(shape, face) for face in shape.faces]
     else:  # other facets have no name, or two of them
-        faces = [_gauss_points(_exact(shape, shape.boundary), len(shape.boundary))]
+        faces = [samples.on(shape, shape.boundary)]
     return sum(float(np.einsum("nqi,nqi->", *face)) for face in faces) / 3.0
 
 
@@ -233,43 +265,16 @@ def _of_free_blocks(blocks: AnyBlocks) -> BoolArray:
     return np.asarray(~(blocks.fixed[joints.block_m] & blocks.fixed[joints.block_s]))
 
 
-def _exact(shape: Block, quads: IntArray) -> Callable[[FloatArray], FloatArray]:
-    """Map places (n, q, 2) of facets, -1 to 1, to points of the shape, (n, q, 3) [mm].
-
-    Places (1, q, 2) are those of every facet.
-    """
-    corners = shape.mesh.nodes[quads]
-    if shape.curve is not None:
-        element, corner = facet_corners(shape.mesh, quads)
-        corners = shape.curve.parameters()[element[:, None], corner]
-
-    def points(places: FloatArray) -> FloatArray:
-        along, across = places[..., None, 0], places[..., None, 1]
-        at = ((1.0 + along * _ALONG) * (1.0 + across * _ACROSS) / 4.0) @ corners
-        if shape.curve is None:
-            return at
-        return shape.curve.shape(at.reshape(-1, at.shape[2])).reshape(*at.shape[:2], 3)
-
-    return points
-
-
 def _vectors(points: Callable[[FloatArray], FloatArray], places: FloatArray) -> FloatArray:
     """Outward normals at places of facets, their length the area of a unit square, (n, q, 3)."""
-    tangents = []
-    for step in _STEP * np.eye(2):
-        near, far = (points(places + k * step) - points(places - k * step) for k in (1, 2))
-        tangents.append((8.0 * near - far) / (12.0 * _STEP))
-    along, across = tangents
-    return np.cross(along, across)
-
-
-def _gauss_points(
-    points: Callable[[FloatArray], FloatArray], n: int
-) -> tuple[FloatArray, FloatArray]:
-    """Points of n facets of the exact shape, and the vectors of their areas, (n, q, 3) each."""
-    at, weights = np.polynomial.legendre.leggauss(_GAUSS if n < _MANY else _GAUSS_OF_MANY)
-    places = _square(at, at)[None]
-    return points(places), np.outer(weights, weights).ravel()[:, None] * _vectors(points, places)
+    # All steps at once: each call of an exact shape has its own cost.
+    steps = _STEP * np.array([1.0, -1.0, 2.0, -2.0])
+    moved = places[:, None, None] + (np.eye(2)[:, None] * steps[:, None])[:, :, None]
+    at = points(moved.reshape(len(places), -1, 2))
+    at = at.reshape(len(at), 2, 4, -1, 3)
+    near, far = at[:, :, 0] - at[:, :, 1], at[:, :, 2] - at[:, :, 3]
+    tangents = (8.0 * near - far) / (12.0 * _STEP)
+    return np.cross(tangents[:, 0], tangents[:, 1])
 
 
 def _square(along: FloatArray, across: FloatArray) -> FloatArray:
@@ -300,10 +305,10 @@ def _steepest(shape: Block, face: str, axis: FloatArray, samples: _Samples) -> f
     steep = np.argsort(-steepness(vectors).max(axis=1), kind="stable")[:_STEEP]
     looked = np.linspace(-1.0, 1.0, _LOOKED)
     places = _square(looked, looked)[None]
-    sines = steepness(_vectors(_exact(shape, quads[steep]), places))
+    sines = steepness(_vectors(samples.exact(shape, quads[steep]), places))
     facet, best = np.unravel_index(sines.argmax(), sines.shape)
     at, half = places[0, best], looked[1] - looked[0]
-    one = _exact(shape, quads[steep[[facet]]])
+    one = samples.exact(shape, quads[steep[[facet]]])
     for _ in range(_CLOSER):
         near = np.clip(at + half * _square(looked, looked), -1.0, 1.0)[None]
         sines = steepness(_vectors(one, near))

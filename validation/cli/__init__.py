@@ -6,11 +6,30 @@ import gc
 import signal
 import sys
 import threading
-from types import FrameType
+from collections.abc import Sequence
+from importlib.machinery import ModuleSpec, PathFinder
+from importlib.util import LazyLoader
+from types import FrameType, ModuleType
 from typing import TYPE_CHECKING, NoReturn
 
 if TYPE_CHECKING:
     from sys import UnraisableHookArgs
+
+#: Parts of numpy that scipy names as it is loaded and seldom uses: a tenth of the start.
+_SELDOM = {"numpy.f2py", "numpy.testing"}
+
+
+class _WhenUsed(PathFinder):
+    """Finds `_SELDOM`, which are loaded when something of them is used."""
+
+    @classmethod
+    def find_spec(
+        cls, name: str, path: Sequence[str] | None = None, target: ModuleType | None = None
+    ) -> ModuleSpec | None:
+        spec = super().find_spec(name, path, target) if name in _SELDOM else None
+        if spec is not None and spec.loader is not None:
+            spec.loader = LazyLoader(spec.loader)
+        return spec
 
 
 class Interrupted(KeyboardInterrupt):
@@ -40,6 +59,8 @@ def main() -> None:
     gc.disable()  # loaded modules are never freed: a search among them takes a tenth of the start
     if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
         signal.signal(signal.SIGINT, _interrupt)
+    if _WhenUsed not in sys.meta_path:
+        sys.meta_path.insert(0, _WhenUsed)
     sys.unraisablehook = _repeat_lost_interruption
     try:
         from validation.cli.app import main as run
