@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from itertools import combinations
+from typing import Any
 
 import pytest
 
@@ -88,9 +89,18 @@ _STEEPEST = 100.0
 _BALANCED = 1e-6
 
 
-def _cases() -> list[tuple[str, str, str]]:
+#: Effects of which two take most work, and each near the limits of all others.
+_DEAR = {"degree > 1", "periodic cell", "sector", "stage before", "tetrahedra"}
+
+
+def _case(method: str, *effects: str) -> Any:
+    dear = method == "static" and {*effects} <= _DEAR
+    return pytest.param(method, *effects, marks=[pytest.mark.thorough] * dear)
+
+
+def _cases() -> list[Any]:
     return [
-        (method, a, b)
+        _case(method, a, b)
         for method in METHODS
         for a, b in combinations(EFFECTS, 2)
         if not {a, b} & NO_OPTION[method] and {a, b} != {"periodic cell", "tetrahedra"}
@@ -174,7 +184,7 @@ def _near(method: str, effect: str) -> list[set[str]]:
 
 @pytest.mark.parametrize(
     ("method", "effect"),
-    [(m, e) for m in METHODS for e in EFFECTS if not ({e} & NO_OPTION[m] or e in REFUSED[m])],
+    [_case(m, e) for m in METHODS for e in EFFECTS if not ({e} & NO_OPTION[m] or e in REFUSED[m])],
 )
 def test_effects_near_their_limits_leave_another_alone(method: str, effect: str) -> None:
     """μ, gap, prestress, gravity, loads, motion and soft springs → 0; stiff springs → a support."""
