@@ -36,6 +36,8 @@ class Assembly(PlacedBlocks[Block]):
     image_of: IntArray | None = None
     """Block whose translated image each block is, itself where it is none, (n_blocks,): what a
     periodic cell meets at its end. None: no images."""
+    detection: DetectionOptions | None = None
+    """How contacts of the solids were found that the hexahedra fill; None: blocks of a family."""
 
     @staticmethod
     def from_blocks(

@@ -164,13 +164,14 @@ def check(problem: RigidStatement, method: Rigid) -> None:
     """Reject what rigid blocks cannot answer, before any force is sought; errors as `analyse`."""
     blocks, case = problem.rigid_blocks, problem.rigid_load
     check_supports(_held(case))
-    if problem.coulomb is not None or method.collapse:
+    grows = method.collapse or method.sliding
+    if problem.coulomb is not None or grows:
         from mbd.friction.equilibrium import check_coefficients, require_live
 
         if problem.coulomb is not None:
             pairs = (pair[2] for pair in problem.coulomb.of_pairs)
             check_coefficients(np.array([problem.coulomb.coefficient, *pairs]))
-        if method.collapse:
+        if grows:
             require_live(case.wrenches[~case.fixed])
     with budget(memory=method.max_memory):
         _require_memory(problem, method)

@@ -178,15 +178,8 @@ def _faces_words(faces: RigidSystem) -> str | None:
     return f"the faces of the blocks do not carry the load: {words} (edges and corners carry none)"
 
 
-def require_held(problem: HexahedralStatement, solids: DetectionOptions | None = None) -> None:
+def require_held(problem: HexahedralStatement) -> None:
     """Reject a problem that certainly has no static state.
-
-    Parameters
-    ----------
-    problem
-        Of blocks with hexahedra.
-    solids
-        How contacts of solids are found, where the blocks are solids; None: facets match.
 
     Raises
     ------
@@ -206,6 +199,7 @@ def require_held(problem: HexahedralStatement, solids: DetectionOptions | None =
             'motion with fem.method = "explicit"'
         )
     opened = problem.finite_sliding or problem.clearance > 0.0 or problem.spacing > 0.0
+    solids = problem.blocks.detection
     faces = None if solids is None or opened else _on_faces(problem, solids)
     words = None if faces is None else _faces_words(faces)
     if words is not None:
@@ -216,11 +210,23 @@ def require_held(problem: HexahedralStatement, solids: DetectionOptions | None =
         )
 
 
-def why_unheld(problem: HexahedralStatement, solids: DetectionOptions | None = None) -> str | None:
-    """Say what lets blocks move where a static run found no equilibrium; None: nothing known.
+def explain_unheld(problem: HexahedralStatement, error: RefusedError) -> None:
+    """Let the error of a static run that found no equilibrium say what lets blocks move.
 
-    Parameters are those of `require_held`.
+    Raises
+    ------
+    UnheldError
+        As `require_held`.
     """
+    require_held(problem)
+    why = why_unheld(problem)
+    if why is not None:  # then the solver's own remedies do not help
+        error.args = (f"{str(error).partition('; ')[0]}: {why}",)
+
+
+def why_unheld(problem: HexahedralStatement) -> str | None:
+    """Say what lets blocks move where a static run found no equilibrium; None: nothing known."""
+    solids = problem.blocks.detection
     if solids is not None:
         faces = _on_faces(problem, solids)
         words = None if faces is None else _faces_words(faces) or _squeeze(faces)

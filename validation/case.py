@@ -17,7 +17,6 @@ from validation.scene.family import RoundScene
 from validation.scene.keys.idle import KeyUse
 from validation.scene.keys.quantities import unit_of_key
 from validation.scene.keys.toml_text import flat, toml_value
-from validation.scene.polyhedra import PolyhedralScene
 from validation.scene.read import (
     DeformableScene,
     apply_overrides,
@@ -31,7 +30,6 @@ if TYPE_CHECKING:
     from fem.problem import Problem
     from geometry.answer import Answer
     from geometry.assembly import Assembly
-    from geometry.polyhedra.options import DetectionOptions
 
 #: How blocks are answered.
 Method: TypeAlias = Rigid | Static | Explicit
@@ -123,7 +121,7 @@ class Case:
             One line: what was got, what is expected, what to do.
         """
         problem, method = self.problem, self.method
-        with named(self.name):
+        with named(self.name, keys=self.source is not None):
             if isinstance(method, Rigid):
                 from mbd.answer import check
 
@@ -133,20 +131,12 @@ class Case:
                 from mbd.held import require_held
 
                 problem = check_static(problem, method)
-                require_held(problem, self.solids)
+                require_held(problem)
             else:
                 from fem.dynamics import check_explicit
 
                 problem = check_explicit(problem, method)
         return problem
-
-    @property
-    def solids(self) -> DetectionOptions | None:
-        """How contacts of solids are found, where its blocks are solids; None: they are not."""
-        if isinstance(self.source, PolyhedralScene):
-            return self.source.detection.options
-        solid = self.source is None and self.problem.is_solid
-        return self.problem.blocks.detection if solid else None
 
     @property
     def limits(self) -> LimitsSection:
@@ -340,8 +330,10 @@ def load_case(
     else:
         text, path = str(source), Path(source)
         name, data = scene_data(text)
-    scene = check_scene(apply_overrides(data, settings_words(settings)), text)
-    scene = scene.located(path.parent)
+    words = settings_words(settings)
+    if isinstance(method, str) and method in METHODS:  # whose keys the settings may state
+        words = [f'fem.method="{method}"', *words]
+    scene = check_scene(apply_overrides(data, words), text).located(path.parent)
     own = path if path.is_file() else None
     case = Case(None, scene.method, name, scene, own)
     return case if method is None else case.with_method(method)

@@ -52,14 +52,17 @@ _KEYS = {
 
 
 @contextmanager
-def named(name: str) -> Iterator[None]:
-    """Put the name of a scene or file before refusals of the libraries inside."""
+def named(name: str, *, keys: bool = True) -> Iterator[None]:
+    """Put the name of a scene or file before refusals of the libraries inside.
+
+    ``keys``: whether fields are named by the keys of scenes; those of problems made in Python stay.
+    """
     try:
         yield
     except InputError:
         raise
     except RefusedError as error:
-        words = with_keys(str(error), _KEYS)
+        words = with_keys(str(error), _KEYS if keys else {})
         raise InputError(f"{name}: {words}", of_input=error.of_input) from None
 
 

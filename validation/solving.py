@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
@@ -11,7 +10,6 @@ from typing import TYPE_CHECKING, Any, cast
 from fem.method import Static
 from geometry.answer import Answer
 from geometry.compilation.clocks import timed_stages
-from geometry.errors import RefusedError
 from geometry.parts.dimensions import Limits
 from mbd.options import Rigid
 from validation.case import Case
@@ -64,7 +62,7 @@ def solve(
         problem = case.problem if isinstance(method, Rigid) else case.check()
         watch.lap("build")
     built = watch.seconds()
-    with _explained(case) if isinstance(method, Static) else named(case.name):
+    with named(case.name, keys=case.source is not None):
         if isinstance(method, Rigid):
             from mbd.answer import analyse
 
@@ -96,22 +94,6 @@ def solve(
     built_blocks = cast("Built", answer.parts["dimensions"])
     limits = Limits(case.limits.least_wall, case.limits.steepest_joint)
     return replace(answer.beside({"dimensions": replace(built_blocks, limits=limits)}), case=case)
-
-
-@contextmanager
-def _explained(case: Case) -> Iterator[None]:
-    """Name the case where a static run ends without an answer, and what lets blocks move."""
-    with named(case.name):
-        try:
-            yield
-        except RefusedError as error:
-            from mbd.held import why_unheld
-
-            # A limit of work or time says nothing of the blocks.
-            why = why_unheld(case.problem.meshed, case.solids) if error.of_input else None
-            if why is not None:  # then the solver's own remedies do not help
-                error.args = (f"{str(error).partition('; ')[0]}: {why}",)
-            raise
 
 
 def repeatable(answer: Answer) -> Answer:

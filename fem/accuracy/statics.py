@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from contextlib import suppress
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import TYPE_CHECKING, Any
@@ -99,8 +99,8 @@ def solve_static(
         turn with them), here or in a problem before; or nothing acts.
     AccuracyError
         A requested accuracy of a problem that cannot be refined.
-    StaticError
-        No equilibrium exists, or none was found.
+    StaticError, UnheldError
+        No equilibrium exists, or none was found; which blocks move, where rigid blocks tell.
     ContactError
         Blocks overlap at the start by more than the contact law covers.
     DeformableAssemblyError
@@ -115,7 +115,7 @@ def solve_static(
         watch.lap("build")
         follower = _Follower(watch, progress or (lambda _: None), on_frame)
         work = most_work(problem, method, finer=finer)
-        with budget(work, memory=method.max_memory) as spent:
+        with budget(work, memory=method.max_memory) as spent, _explained(problem):
             answer = _answer(
                 problem, method, store, follower, sought=otherwise, work=work, finer=finer
             )
@@ -136,6 +136,22 @@ def check_static(problem: Problem, method: Static) -> Problem:
         refines(problem, method)
     check_system(problem.deformable, method.symmetry)
     return problem
+
+
+@contextmanager
+def _explained(problem: Problem) -> Iterator[None]:
+    """Say what lets blocks move where no equilibrium is found, as rigid blocks tell.
+
+    A limit of work or time says nothing of the blocks.
+    """
+    try:
+        yield
+    except RefusedError as error:
+        if error.of_input:
+            from mbd.held import explain_unheld
+
+            explain_unheld(problem, error)
+        raise
 
 
 def _asks_to_refine(method: Static) -> bool:

@@ -197,6 +197,7 @@ def with_hexahedra(
         shapes=_of_shapes(solids.shapes, divisions, size),
         layer=np.where(solids.fixed, 0, 1),
         unmatched_allowed=True,
+        detection=solids.detection,
     )
     surfaces = as_polyhedral(blocks, solids.detection)
     check_assembly(surfaces, supported(blocks))

@@ -56,7 +56,7 @@ def verdicts(
     result = [] if rigid is None else [_locked(rigid), _carried(rigid)]
     answer = fem if fem is not None else rigid
     assert answer is not None
-    if answer.case.solids is not None:
+    if answer.problem.blocks.detection is not None:
         result.reverse()  # of masonry the first question is whether it stands
     if "rigid" in failed:
         result.append(PageVerdict("Rigid blocks?", "no answer", OPEN, (failed["rigid"],)))

@@ -104,7 +104,7 @@ def coarsest_mesh(case: Case) -> dict[str, Any]:
         A scene whose methods and meshes cannot be compared.
     """
     name, head = case.name, f"{case.name}: block.type {case.kind!r}"
-    if case.solids is not None or not case.meets:
+    if case.problem.blocks.detection is not None or not case.meets:
         raise InputError(
             f"{head}: the cost of accuracy is that of contact pressures on finer and finer meshes; "
             "expected a scene whose blocks meet and have [mesh], such as tsb1-pipe, thb0-tunnel "
