@@ -2,23 +2,35 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from geometry.answer import UNITS, Answer
 from geometry.mesh import HEX_FACES, FloatArray, IntArray
 from validation.errors import InputError
-from validation.output.pictures.gallery import wrapped
-from validation.output.pictures.scales import MISES_MAP, MOTION_MAP, PRESSURE_MAP, STRESS_MAP
+from validation.output.pictures.assemblies import flat_panel
+from validation.output.pictures.bodies import eye, side_of
+from validation.output.pictures.canvas import Pixels, Polygons, View
+from validation.output.pictures.gallery import Numbers, Panel, gallery, round_numbers
+from validation.output.pictures.scales import (
+    MISES_MAP,
+    MOTION_MAP,
+    OUTWARD_MAP,
+    PRESSURE_MAP,
+    STRESS_MAP,
+    Scale,
+    scale_from_zero,
+    symmetric_scale,
+)
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 #: Fields that are parts of others: their component.
 _PARTS = {"sigma_1": 0, "sigma_2": 1, "sigma_3": 2}
-#: Colours as in the pictures of commands; of what they do not draw those of sizes.
-_MAPS = {"pressure": PRESSURE_MAP, "mises": MISES_MAP, **dict.fromkeys(_PARTS, STRESS_MAP)}
+#: Colours of fields that have some of their own.
+_MAPS = {"pressure": PRESSURE_MAP, "mises": MISES_MAP}
 
 
 def plot(answer: Answer, field: str, *, layer: int | None = None, unrolled: bool = False) -> Figure:
@@ -43,16 +55,40 @@ def plot(answer: Answer, field: str, *, layer: int | None = None, unrolled: bool
         corners, values = _of_blocks(answer, field, layer)
     if not len(corners):
         raise InputError(f"plot: layer: got {layer}, which has nothing to draw; expected another")
-    unit = UNITS.get("principal_stress" if field in _PARTS else field, "-")
-    draw = _unrolled if unrolled else _in_space
-    figure, axes, faces = draw(corners, values)
-    faces.set_cmap(_MAPS.get(field, MOTION_MAP))
-    if field in _PARTS:  # zero is the middle of the colours
-        reach = float(np.abs(values).max()) or 1.0
-        faces.set_clim(-reach, reach)
-    axes.set_title(wrapped(answer.title, figure.get_figwidth() - 2.0), fontsize="medium")
-    figure.colorbar(faces, ax=axes, label=f"{field} [{unit}]", shrink=1.0 if unrolled else 0.7)
-    return figure
+    scale = _scale(field, values)
+    words = field if layer is None else f"{field}, layer {layer}"
+    if unrolled:
+        panel = _unrolled(words, corners, scale.of(values))
+    else:
+        faces = np.arange(corners.shape[0] * corners.shape[1]).reshape(corners.shape[:2])
+        drawn = Polygons(corners.reshape(-1, 3), faces, scale.of(values), lit=False)
+        direction = side_of(answer.points) if answer.problem is None else eye(answer.problem.blocks)
+        panel = Panel(words, View([drawn], direction))
+    return gallery([[panel]], answer.title, scale=scale)
+
+
+def _scale(field: str, values: FloatArray) -> Scale:
+    """Colours as in the pictures of commands; of what they do not draw those of sizes."""
+    label = f"{field} [{UNITS.get('principal_stress' if field in _PARTS else field, '-')}]"
+    if field in _PARTS:
+        return symmetric_scale(label, STRESS_MAP, [values])
+    if field == "gap":  # open joints and closed ones
+        return symmetric_scale(label, OUTWARD_MAP, [values])
+    nothing = "open joint" if field == "pressure" else ""
+    return scale_from_zero(label, _MAPS.get(field, MOTION_MAP), [values], nothing=nothing)
+
+
+def _unrolled(title: str, corners: FloatArray, shades: Pixels) -> Panel:
+    """Faces of a tube about the vertical axis, laid side by side."""
+    middle = corners.reshape(-1, 3)[:, :2].mean(axis=0)
+    angle = np.arctan2(corners[..., 1] - middle[1], corners[..., 0] - middle[0])
+    # Corners of a face lie beside its first one, also where the angle jumps.
+    angle = angle[:, :1] + np.angle(np.exp(1j * (angle - angle[:, :1])))
+    flat = np.stack([np.degrees(angle), corners[..., 2]], axis=-1)
+    low, high = float(flat[..., 0].min()), float(flat[..., 0].max())
+    numbers = Numbers("angle from x towards y [°]", "z [mm]", round_numbers(low, high), {})
+    pair = np.zeros(len(flat), dtype=np.int64)
+    return flat_panel(title, flat, shades=shades, pair=pair, span=(low, high), numbers=numbers)
 
 
 def _of_contacts(answer: Answer, field: str, layer: int | None) -> tuple[FloatArray, FloatArray]:
@@ -99,40 +135,3 @@ def _outside(cells: IntArray) -> IntArray:
         np.sort(faces, axis=1), axis=0, return_index=True, return_counts=True
     )
     return np.asarray(faces[np.sort(first[count == 1])])
-
-
-def _in_space(corners: FloatArray, values: FloatArray) -> tuple[Figure, Any, Any]:
-    """Faces where they are, seen from above the corner."""
-    from matplotlib.figure import Figure
-    from mpl_toolkits.mplot3d.art3d import Poly3DCollection  # type: ignore[import-untyped]
-
-    figure = Figure(figsize=(7.0, 6.0), layout="constrained")
-    axes = figure.add_subplot(projection="3d")
-    drawn = Poly3DCollection(corners, array=values, edgecolors="none")
-    axes.add_collection3d(drawn)
-    low, high = corners.reshape(-1, 3).min(axis=0), corners.reshape(-1, 3).max(axis=0)
-    for name, span in zip("xyz", zip(low, high, strict=True), strict=True):
-        getattr(axes, f"set_{name}lim")(*span)
-        getattr(axes, f"set_{name}label")(f"{name} [mm]")
-    axes.set_box_aspect(np.maximum(high - low, 1e-9 * (high - low).max()))
-    return figure, axes, drawn
-
-
-def _unrolled(corners: FloatArray, values: FloatArray) -> tuple[Figure, Any, Any]:
-    """Faces of a tube about the vertical axis, laid side by side."""
-    from matplotlib.collections import PolyCollection
-    from matplotlib.figure import Figure
-
-    middle = corners.reshape(-1, 3)[:, :2].mean(axis=0)
-    angle = np.arctan2(corners[..., 1] - middle[1], corners[..., 0] - middle[0])
-    # Corners of a face lie beside its first one, also where the angle jumps.
-    angle = angle[:, :1] + np.angle(np.exp(1j * (angle - angle[:, :1])))
-    flat = np.stack([np.degrees(angle), corners[..., 2]], axis=-1)
-    figure = Figure(figsize=(8.0, 4.5), layout="constrained")
-    axes = figure.add_subplot()
-    drawn = PolyCollection(list(flat), array=values, edgecolors="face")
-    axes.add_collection(drawn)
-    axes.autoscale_view()
-    axes.set_xlabel("angle [degrees]")
-    axes.set_ylabel("height [mm]")
-    return figure, axes, drawn

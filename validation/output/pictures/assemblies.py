@@ -171,7 +171,7 @@ def unrolled_panel(
     turned = np.concatenate([flat + np.array([turn, 0.0]) for turn in (0.0, 360.0, -360.0)])
     seen = (turned[..., 0].max(axis=1) > -180.0) & (turned[..., 0].min(axis=1) < 180.0)
     ticks = {f"{angle}".replace("-", "−"): float(angle) for angle in range(-180, 181, 60)}
-    return _flat_panel(
+    return flat_panel(
         f"{side} faces, unrolled" if title is None else title,
         turned[seen],
         shades=scale.of(facets.pressures[rows][np.tile(np.arange(len(rows)), 3)[seen]]),
@@ -186,7 +186,7 @@ def side_joints_panel(facets: PressedFacets, layer: int, scale: Scale) -> Panel:
     rows = facets.within(layer)
     flat, middles = side_by_side(facets, rows)
     margin = 0.05 * float(np.ptp(flat[..., 0]))
-    return _flat_panel(
+    return flat_panel(
         f"side joints of layer {layer}, unrolled",
         flat,
         shades=scale.of(facets.pressures[rows]),
@@ -201,7 +201,7 @@ def side_joints_panel(facets: PressedFacets, layer: int, scale: Scale) -> Panel:
     )
 
 
-def _flat_panel(
+def flat_panel(
     title: str,
     flat: FloatArray,
     *,
@@ -215,7 +215,7 @@ def _flat_panel(
     Parameters
     ----------
     flat
-        Corners, (n, 4, 2): upwards in millimetres.
+        Corners, (n, n_corners, 2): upwards in millimetres.
     shades
         Colours, (n, 3).
     pair
@@ -233,7 +233,9 @@ def _flat_panel(
     def placed(points: FloatArray, height: float) -> FloatArray:
         return np.insert(points.reshape(-1, 2) * (stretch, 1.0), 2, height, axis=1)
 
-    faces = Polygons(placed(flat, 0.0), np.arange(4 * len(flat)).reshape(-1, 4), shades, lit=False)
+    faces = Polygons(
+        placed(flat, 0.0), np.arange(flat[..., 0].size).reshape(flat.shape[:2]), shades, lit=False
+    )
     ends = _joint_edges(flat, pair)
     lines = Lines(placed(ends, 0.0), np.arange(2 * len(ends)).reshape(-1, 2))
     window = np.array([span[0] * stretch, low]), np.array([span[1] * stretch, high])
@@ -300,7 +302,9 @@ def _joint_edges(flat: FloatArray, pair: IntArray) -> FloatArray:
     corner = np.sort(place[..., 0] * 2**31 + place[..., 1], axis=1).astype(np.uint64)
     # One number for both ends and the pair: equal edges are those that are shared.
     odd = np.uint64(0x9E3779B97F4A7C15)
-    edge = (corner[:, 0] * odd + corner[:, 1]) * odd + np.repeat(pair, 4).astype(np.uint64)
+    edge = (corner[:, 0] * odd + corner[:, 1]) * odd + np.repeat(pair, flat.shape[1]).astype(
+        np.uint64
+    )
     _, which, count = np.unique(edge, return_inverse=True, return_counts=True)
     return np.asarray(ends[count[which] == 1])
 

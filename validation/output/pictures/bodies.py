@@ -88,7 +88,12 @@ def eye(assembly: AnyBlocks, before: FloatArray | None = None) -> Direction:
     placed = [
         assembly.place(b, _points(assembly.shapes[k])) for b, k in enumerate(assembly.shape_of)
     ]
-    extent = np.ptp(np.concatenate(placed), axis=0)
+    return side_of(np.concatenate(placed))
+
+
+def side_of(points: FloatArray) -> Direction:
+    """Direction from which points (n, 3) [mm] that are no tube are seen."""
+    extent = np.ptp(points, axis=0)
     return FROM_ABOVE if extent[2] < 0.5 * min(extent[0], extent[1]) else FROM_THE_SIDE
 
 

@@ -47,8 +47,8 @@ def pictures_section() -> PicturesSection:
 
 
 def settings() -> Any:
-    """Settings of matplotlib. Text stays text: to be found, and to be set in another font."""
-    return {"font.size": _LETTERS, "svg.fonttype": "none", "pdf.fonttype": 42}
+    """Settings of matplotlib."""
+    return {"font.size": _LETTERS}
 
 
 @contextmanager
@@ -328,12 +328,8 @@ class _Page:
     """A figure, and what is drawn at places in it [in], from its lower left corner."""
 
     def __init__(self, size: tuple[float, float]) -> None:
-        from matplotlib.backends.backend_agg import FigureCanvasAgg
-        from matplotlib.figure import Figure
-
         self.size = np.array(size)
-        self.figure = Figure(figsize=size, dpi=_DOTS)
-        FigureCanvasAgg(self.figure)
+        self.figure = _figure(size)
 
     def line(self, points: Any, **options: Any) -> None:
         """Draw a line through places, (n, 2)."""
@@ -350,7 +346,7 @@ class _Page:
 
     def paint(self, pixels: Any, x: float, y: float) -> None:
         """Show pixels as they are, (height, width, 3): nothing is drawn anew."""
-        self.figure.add_artist(_image(pixels, x, y))
+        self.figure.add_artist(_image(pixels, np.array([x, y]) / self.size))
 
     # -----------------------------------------------------------------------------------------
     # Panels
@@ -508,22 +504,32 @@ def wrapped(title: str, width: float) -> str:
     return "\n".join(textwrap.fill(part, count) for part in title.split("\n"))
 
 
-def _image(pixels: Any, x: float, y: float) -> Any:
-    """Pixels at a place in a figure [in]."""
+def _image(pixels: Pixels, place: FloatArray) -> Any:
+    """Pixels at a place in a figure, (2,) in parts of its size."""
     from matplotlib.artist import Artist
+    from matplotlib.transforms import Bbox
+    from PIL import Image
 
-    shown = np.full((*pixels.shape[:2], 4), 255, np.uint8)
-    shown[..., :3] = pixels[::-1]
+    size = np.array(pixels.shape[1::-1])
 
-    class Image(Artist):
-        """An image that no axes scale."""
+    class Picture(Artist):
+        """Dots of a file as they are; a notebook may show a figure larger, and without margins."""
+
+        def get_window_extent(self, renderer: Any = None) -> Any:  # noqa: ARG002
+            figure: Any = self.figure
+            return Bbox.from_bounds(
+                *figure.transFigure.transform(place), *(size * figure.dpi / _DOTS)
+            )
 
         def draw(self, renderer: Any) -> None:
-            # Dots of a screen, points of what is printed.
-            inch = renderer.points_to_pixels(72.0)
-            renderer.draw_image(renderer.new_gc(), x * inch, y * inch, shown)
+            box = self.get_window_extent()
+            shown = Image.fromarray(pixels)
+            if abs(box.width - size[0]) > 0.5:
+                shown = shown.resize((round(box.width), round(box.height)))
+            dots = np.asarray(shown.convert("RGBA"))[::-1]
+            renderer.draw_image(renderer.new_gc(), box.x0, box.y0, dots)
 
-    return Image()
+    return Picture()
 
 
 def round_length(most: float) -> float:
@@ -544,15 +550,26 @@ def twos_and_fives(words: Callable[[float], str]) -> FuncFormatter:
 
 
 def save_figure(figure: Figure, path: Path, *, about: str = "") -> None:
-    """Write a figure as PNG, SVG or PDF, whole or not at all; its foot names program and day."""
-    kind = path.suffix.lower().removeprefix(".")
-    write_whole(path, lambda partial: _save(figure, partial, kind, about))
+    """Write a figure as PNG, whole or not at all; its foot names program and day."""
+    write_whole(path, lambda partial: partial.write_bytes(png_of(figure, about)))
 
 
-def png_of(figure: Figure) -> bytes:
-    """The same as bytes of a PNG."""
-    buffer = io.BytesIO()
-    _save(figure, buffer, "png", "")
+def png_of(figure: Figure, about: str = "") -> bytes:
+    """The same as bytes."""
+    from PIL import Image
+    from PIL.PngImagePlugin import PngInfo
+
+    today = datetime.date.today().isoformat()
+    foot = " · ".join(part for part in (about, f"tubelock {program()}", today) if part)
+    width, height = figure.get_size_inches()
+    if pictures_section().footer:
+        place = (1 - 0.12 / width, 0.07 / height)
+        figure.text(*place, foot, size="xx-small", color="#707070", ha="right", va="bottom")
+    stated, buffer = PngInfo(), io.BytesIO()
+    stated.add_text("Software", f"tubelock {program()}")
+    stated.add_itxt("Description", foot)
+    image = Image.fromarray(pixels_of(figure))
+    image.save(buffer, "PNG", compress_level=2, dpi=(_DOTS, _DOTS), pnginfo=stated)
     return buffer.getvalue()
 
 
@@ -564,24 +581,17 @@ def pixels_of(figure: Figure) -> Pixels:
     canvas: Any = figure.canvas
     with rc_context(settings()):
         canvas.draw()
-    return np.asarray(canvas.buffer_rgba())[..., :3]
+    return np.ascontiguousarray(np.asarray(canvas.buffer_rgba())[..., :3])
 
 
-def _save(figure: Figure, target: Any, kind: str, about: str) -> None:
-    from matplotlib import rc_context
+def _figure(size: tuple[float, float], **options: Any) -> Figure:
+    """An empty figure of a size [in]."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
 
-    today = datetime.date.today().isoformat()
-    foot = " · ".join(part for part in (about, f"tubelock {program()}", today) if part)
-    width, height = figure.get_size_inches()
-    if pictures_section().footer:
-        place = (1 - 0.12 / width, 0.07 / height)
-        figure.text(*place, foot, size="xx-small", color="#707070", ha="right", va="bottom")
-    _read_no_formulas(figure)
-    options: dict[str, Any] = {"dpi": _DOTS}
-    if kind == "png":
-        options["pil_kwargs"] = {"compress_level": 3}
-    with rc_context(settings()):
-        figure.savefig(target, format=kind, metadata=_metadata(kind, foot), **options)
+    figure = Figure(figsize=size, dpi=_DOTS, **options)
+    FigureCanvasAgg(figure)
+    return figure
 
 
 def subplots(
@@ -589,24 +599,14 @@ def subplots(
 ) -> tuple[Figure, Any]:
     """Figure and axes of plots without bodies, set by matplotlib itself; ``size`` in inches."""
     from matplotlib import rcParams
-    from matplotlib.figure import Figure
 
     # `showing` sets them back.
     rcParams.update(settings())
-    figure = Figure(figsize=size, layout="constrained")
+    figure = _figure(size, layout="constrained")
     # Room for the line at the foot.
     engine: Any = figure.get_layout_engine()
     engine.set(rect=(0.0, _FOOT / size[1], 1.0, 1.0 - _FOOT / size[1]))
     return figure, figure.subplots(rows, columns, **options)
-
-
-def _metadata(kind: str, foot: str) -> dict[str, str]:
-    """What a file says of itself, by the names that its kind has for it."""
-    return {
-        "png": {"Software": f"tubelock {program()}", "Description": foot},
-        "svg": {"Creator": f"tubelock {program()}", "Description": foot},
-        "pdf": {"Creator": f"tubelock {program()}", "Subject": foot},
-    }[kind]
 
 
 def _read_no_formulas(figure: Figure) -> None:
