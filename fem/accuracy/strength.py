@@ -134,7 +134,7 @@ def _judged(
     """
     at, bar_at = asked
     measures = known[1.0]
-    if state.deformable.moves:
+    if state.deformable.supports.tables:
         return _not_found("supports move, and loads alone are scaled")
     there = [name for name in names if name in measures]
     if not measures[there[0]].is_number:  # what others are on this mesh is no bound of it

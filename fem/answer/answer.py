@@ -79,7 +79,9 @@ def answer_of(
     measures = measures_of(state, errors, facets=facets, remarks=remarks)
     blocks = state.deformable.assembly if facets is None else facets[0]
     sought = problem is not None and problem.finite_sliding
-    densities = state.deformable.densities
+    whole = state.deformable
+    of_body = np.array([body.material.density for body in whole.bodies])
+    densities = np.where(whole.group_of < 0, 0.0, of_body[whole.group_of])
     built = Built(lambda: dimensions(blocks, densities, closed_area=_closed_area(state)))
     return Answer(
         title=_title(state),
@@ -278,7 +280,7 @@ def _support_report(state: State) -> dict[str, Any]:
             }
             for curve in push_curves_of(state)
         ]
-    return data | ({"reached": reached(state)} if state.deformable.moves else {})
+    return data | ({"reached": reached(state)} if state.deformable.supports.tables else {})
 
 
 def _static_report(state: State) -> dict[str, Any]:

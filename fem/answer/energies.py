@@ -86,7 +86,7 @@ def load_work(state: State) -> float:
     system = state.system
     slots = system.slot_of[state.deformable.deformable_blocks]
     copies = np.repeat(np.bincount(slots, minlength=system.n_slots), np.diff(system.node_start))
-    work = copies @ (state.displacement * system.external_force).sum(axis=1)
+    work = copies @ (state.displacement * system.loads[-1]).sum(axis=1)
     return float(work)
 
 

@@ -73,7 +73,7 @@ def imbalance_of(state: State) -> Imbalance:
     the deformed ones, of second order, is one of the terms.
     """
     whole = state.deformable
-    others, loads = np.zeros((whole.assembly.n_blocks, 6)), whole.expand(whole.external_force)
+    others, loads = np.zeros((whole.assembly.n_blocks, 6)), whole.expand(whole.loads[-1])
     acting, needed = np.zeros(whole.assembly.n_blocks), _contact_forces(state, loads)
     centres = whole.assembly.centroids + whole.offsets
     for number, (group, u) in enumerate(zip(whole.bodies, state.displacements, strict=True)):

@@ -94,7 +94,7 @@ def reached(state: State) -> bool:
     """Whether supports that move have arrived where they are prescribed."""
     if state.run is None:
         return state.evidence.stopped is None
-    arrival = state.run.stated.settled_after if state.deformable.moves else 0.0
+    arrival = state.run.stated.settled_after if state.deformable.supports.tables else 0.0
     return state.run.time >= (1.0 - _ROUND_OFF) * arrival
 
 

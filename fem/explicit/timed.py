@@ -13,7 +13,8 @@ from fem.contact.search import corner_area_vectors
 from fem.system.body import Body
 from fem.system.contact_state import block_surfaces
 from fem.system.effects import Effects
-from fem.system.system import System, unresisted_motions
+from fem.system.loose import unresisted_motions
+from fem.system.system import System
 from fem.system.time_step import CriticalTimeStep, critical_time_step
 from geometry.mesh import FloatArray, IntArray
 

@@ -153,7 +153,7 @@ def start_iterate(system: System, start: FloatArray | None = None) -> Iterate:
     points, touching = system.points, system.law.touching_pressure
     displacement = np.zeros((system.n_nodes, 3)) if start is None else start
     area = float(points.areas.sum())
-    load = float(np.linalg.norm(system.external_force, axis=1).sum())
+    load = float(np.linalg.norm(system.loads[-1], axis=1).sum())
     rest = system.law.normal.overclosure(np.maximum(load / area if area else 0.0, touching))
     first = first_holding(system, rest)
     gaps = points.gaps(displacement)

@@ -29,7 +29,8 @@ from fem.static.newton import (
 )
 from fem.static.problem import StaticOptions, StaticProblem
 from fem.system.forces import TabularAmplitude
-from fem.system.system import System, unresisted_motions
+from fem.system.loose import unresisted_motions
+from fem.system.system import System
 from geometry.mesh import FloatArray, IntArray
 
 #: Change of the measures by twice as many load steps below which they are enough [-].
@@ -164,7 +165,7 @@ def follow(
 def _entered(place: _Place, last: State, stage: System, number: int) -> _Place:
     """Where a stage begins: slips of friction stay, and supports that ended release."""
     before, system = place.iterate, place.problem.system
-    changed = replace(stage, begin=(last.displacement, system.external_force))
+    changed = replace(stage, begin=(last.displacement, system.loads[-1]))
     problem = place.problem.on(changed.on(system.points))
     start = start_iterate(problem.system, problem.step.kept(last.displacement))
     point = Point(0.0, 0.0, number)
@@ -285,12 +286,12 @@ def points_of(stages: Sequence[System], options: StaticOptions) -> list[Point]:
     *before, system = stages
     parts, steps = options.load_steps, options.motion_steps
     if before:
-        act = [bool(stage.external_force.any()) for stage in stages]
+        act = [bool(stage.loads[-1].any()) for stage in stages]
         return [
             Point(share, share, number)
             for number, stage in enumerate(stages)
             for share in load_factors(
-                parts if stage.moves or any(act[max(number - 1, 0) : number + 1]) else 1,
+                parts if stage.supports.tables or any(act[max(number - 1, 0) : number + 1]) else 1,
                 friction=number == 0,
             )
         ]
@@ -301,7 +302,7 @@ def points_of(stages: Sequence[System], options: StaticOptions) -> list[Point]:
     tables = [np.array(share.times) for share in moving if isinstance(share, TabularAmplitude)]
     end = max((float(times[-1]) for times in tables), default=1.0)
     times = np.unique(np.concatenate([end * np.arange(1, steps + 1) / steps, *tables]))
-    loads = [Point(factor, 0.0) for factor in requested] if system.external_force.any() else []
+    loads = [Point(factor, 0.0) for factor in requested] if system.loads[-1].any() else []
     return [*loads, *(Point(1.0, time) for time in times[times > 0.0].tolist())]
 
 

@@ -21,7 +21,8 @@ from fem.static.linear_step.linearisation import (
     StaticError,
 )
 from fem.static.linear_step.reduced import ReducedStep, is_smaller
-from fem.system.system import FreeMotions, System, unresisted_motions
+from fem.system.loose import FreeMotions, unresisted_motions
+from fem.system.system import System
 from geometry.errors import is_number
 from geometry.mesh import FloatArray
 

@@ -98,7 +98,7 @@ def static_state(
     store = FlexibilityStore() if store is None else store
     stages = [*before, system]
     way_counts = system.meets and system.contact.friction is not None
-    way_counts |= bool(before) and any(stage.moves for stage in stages)
+    way_counts |= bool(before) and any(stage.supports.tables for stage in stages)
     if before and way_counts:
         options = replace(options, load_steps=max(options.load_steps, _INCREMENTS))
     elif not system.meets:  # linear: all at once

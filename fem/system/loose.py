@@ -1,18 +1,23 @@
-"""Blocks that nothing holds: by their contacts at a solution, or by supports and springs alone."""
+"""Motions that nothing resists: of single blocks, and of a periodic cell as a whole."""
 
 from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 
 from fem.contact.surfaces import ContactPoints
 from fem.system.body import ModelError, rigid_motions
 from fem.system.contact_state import corner_displacements
-from fem.system.system import System, left_by, resisted
+from fem.system.system import NodalInverse, System
 from geometry.mesh import FloatArray, IntArray
 
 #: Least stiffness of a block's contacts against a motion, relative to the greatest, that counts
 #: as holding the block.
 _HELD = 1e-9
+#: Resistance of supports to a motion, and loads along it, that are round-off [-].
+_RESISTED = 1e-9
 _MOTIONS = ("along x", "along y", "along z", "about x", "about y", "about z")
 
 
@@ -91,4 +96,118 @@ def _require_held(system: System, slot: int) -> None:
         raise ModelError(
             f"{group.name}[{copy}]: the supports leave a rigid motion free (mainly {motion}); "
             "expected a static run to hold all six: fix a face, or solve by explicit dynamics"
+        )
+
+
+@dataclass(frozen=True)
+class FreeMotions:
+    """Motions of a periodic cell as a whole: nothing resists them, and they mean nothing.
+
+    A shift of the cell, and a turn about its axis, change no contact and no stress. With small
+    rotations inside the blocks and current normals between them, contact forces balance about the
+    displaced positions and internal forces about the original ones, so a torque of second order
+    about the axis is left that frames would take and a cell cannot. The static solver keeps both
+    out: displacements have no part along these motions (a constraint of the linear problem), and
+    the residual does not count the force of that constraint.
+    """
+
+    motions: FloatArray
+    """Orthonormal, block frames, (n_motions, n_nodes, 3)."""
+
+    def constrained(self, displacement: FloatArray, inverse: NodalInverse) -> FloatArray:
+        """Solution of a linear problem without a part along the motions, (n_nodes, 3) [mm].
+
+        Parameters
+        ----------
+        displacement
+            Solution without the constraint, (n_nodes, 3) [mm].
+        inverse
+            Of the same problem: the motions themselves are the forces of the constraint.
+        """
+        answers = np.stack([inverse(motion) for motion in self.motions])
+        work = np.einsum("kni,lni->kl", self.motions, answers)
+        share = np.linalg.solve(work, self._share(displacement))
+        return displacement - np.einsum("k,kni->ni", share, answers)
+
+    def without(self, vector: FloatArray) -> FloatArray:
+        """Nodal displacements, or forces without those of the constraint, (n_nodes, 3)."""
+        return vector - np.einsum("k,kni->ni", self._share(vector), self.motions)
+
+    def _share(self, vector: FloatArray) -> FloatArray:
+        return np.einsum("kni,ni->k", self.motions, vector)
+
+
+def unresisted_motions(
+    system: System, kept: Callable[[FloatArray], FloatArray] = lambda moved: moved
+) -> FreeMotions | None:
+    """Motions of a periodic cell as a whole that no support or spring resists; None: none.
+
+    Parameters
+    ----------
+    system
+        Blocks and their symmetry: a sector cannot shift across the axis.
+    kept
+        Takes displacements (n_nodes, 3) to those at the nodes that a linear step keeps.
+
+    Raises
+    ------
+    ModelError
+        Loads along such a motion, which nothing carries.
+    """
+    assembly = system.assembly
+    if assembly.image_of is None:
+        return None
+    shifts = assembly.axis[None, :] if system.orbits.order > 1 else np.eye(3)
+    columns = np.zeros((len(shifts) + 1, system.n_nodes, 3))
+    for slot, block in enumerate(system.blocks):
+        mine, turn = system.nodes_of(slot), assembly.rotations[block]
+        columns[:-1, mine] = (shifts @ turn)[:, None]
+        arm = assembly.nodes(int(block)) - assembly.origin
+        columns[-1, mine] = np.cross(assembly.axis, arm) @ turn
+    columns = np.tensordot(_unresisted(system, columns), columns, axes=1)
+    if not len(columns):
+        return None
+    _require_balance(system, columns)
+    basis = np.linalg.qr(np.stack([kept(of).ravel() for of in columns], axis=1))[0]
+    return FreeMotions(np.ascontiguousarray(basis.T).reshape(columns.shape))
+
+
+def _unresisted(system: System, motions: FloatArray) -> FloatArray:
+    """Combinations of motions (n, n_nodes, 3) that supports and springs leave, (m, n)."""
+    size = np.abs(motions).max(axis=(1, 2))
+    slots = range(system.n_slots)
+    felt = [resisted(system, slot, motions[:, system.nodes_of(slot)]) for slot in slots]
+    return left_by(np.concatenate(felt) / size) / size
+
+
+def resisted(system: System, slot: int, motions: FloatArray) -> FloatArray:
+    """What supports and springs of a slot feel of motions of it, (n, n_nodes, 3); (m, n)."""
+    held, nodes, springs = system.held, system.nodes_of(slot), system.body(slot).springs
+    mine = (held.nodes >= nodes.start) & (held.nodes < nodes.stop)
+    at_nodes = motions[:, held.nodes[mine] - nodes.start]
+    felt = np.einsum("nij,kni->njk", held.axes[mine], at_nodes) * held.held[mine][:, :, None]
+    felt = felt.reshape(-1, len(motions))
+    if springs is None:
+        return felt
+    pulled = springs.stiffness @ motions.reshape(len(motions), -1).T
+    return np.concatenate([felt, pulled / np.abs(springs.matrices).max()])
+
+
+def left_by(felt: FloatArray) -> FloatArray:
+    """Combinations of motions of order one of which nothing is felt (m, n), (…, n)."""
+    n = felt.shape[1]
+    _, values, right = np.linalg.svd(np.vstack([felt, np.zeros((n, n))]), full_matrices=False)
+    return right[values <= _RESISTED * max(values.max(), 1.0)]
+
+
+def _require_balance(system: System, motions: FloatArray) -> None:
+    """Reject loads that move a periodic cell as a whole, along motions (n, n_nodes, 3)."""
+    forces = system.loads[-1]
+    work = np.abs(np.einsum("kni,ni->k", motions, forces)) / np.abs(motions).max(axis=(1, 2))
+    least = _RESISTED * float(np.linalg.norm(forces, axis=1).sum())
+    if (work > least).any():
+        raise ModelError(
+            f"{system.assembly.name}: got loads or a weight that move the periodic cell as a "
+            f"whole, by {float(work.max()):.3g} N, and nothing holds it; expected loads that "
+            "balance, or supports"
         )

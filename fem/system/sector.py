@@ -18,7 +18,8 @@ from scipy.spatial import cKDTree
 
 from fem.contact.pair_laws import PairLaws
 from fem.contact.search import SearchedPoints
-from fem.system.system import Orbits, System, TurnedOver, unresisted_motions
+from fem.system.loose import unresisted_motions
+from fem.system.system import Orbits, System, TurnedOver
 from geometry.block import Block
 from geometry.errors import RefusedError
 from geometry.mesh import FloatArray, IntArray, cross_matrix
@@ -193,7 +194,7 @@ def _images(system: System, order: int) -> IntArray:
 
 
 def _check_loads(system: System, image: IntArray, order: int) -> None:
-    loads, held = system.external_force, _held_components(system)
+    loads, held = system.loads[-1], _held_components(system)
     largest = float(np.abs(loads).max())
     for block in system.deformable_blocks.tolist():
         other = int(image[block])
@@ -333,7 +334,7 @@ def _loads_turn(system: System, orbits: Orbits, image: IntArray) -> bool:
     """Whether the loads of every block are those of its image, turned over."""
     over = orbits.over
     assert over is not None
-    loads = system.external_force
+    loads = system.loads[-1]
     largest = float(np.abs(loads).max())
     for block in system.deformable_blocks.tolist():
         other, shape = int(image[block]), int(system.assembly.shape_of[block])

@@ -13,7 +13,6 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from scipy.sparse import block_diag, csr_array
 
 from fem.contact.friction import Coulomb, CoulombFriction, coulomb
 from fem.contact.law import ContactLaw
@@ -21,11 +20,14 @@ from fem.contact.normals import ContactNormals
 from fem.contact.search import SearchedPoints
 from fem.contact.surfaces import ContactPoints, MatchedFacets
 from fem.element.lagrange_mesh import in_pieces
-from fem.system.body import Body, ModelError, refuse_turning_springs
+from fem.system.body import Body, refuse_turning_springs
 from fem.system.forces import ForceRows
 from fem.system.held import NOT_HELD, Held, HeldRows
 from geometry.assembly import Assembly
 from geometry.mesh import BoolArray, FloatArray, IntArray
+
+#: Displacements that nodal forces cause: (n_nodes, 3) [N] to (n_nodes, 3) [mm].
+NodalInverse = Callable[[FloatArray], FloatArray]
 
 
 @dataclass(frozen=True)
@@ -138,11 +140,6 @@ class System:
         return self.contact.finite_sliding or self.surfaces.n_facets > 0
 
     @property
-    def moves(self) -> bool:
-        """Whether a support moves."""
-        return bool(self.supports.value.any())
-
-    @property
     def n_elements(self) -> int:
         """Elements of all copies."""
         return sum(body.mesh.n_elements * body.n_copies for body in self.bodies)
@@ -162,12 +159,6 @@ class System:
         """Blocks of straight pieces between the nodes of their elements, for pictures."""
         shapes = tuple(in_pieces(shape) for shape in self.assembly.shapes)
         return replace(self.assembly, shapes=shapes)
-
-    @property
-    def densities(self) -> FloatArray:
-        """Of each block, zero of those that do not deform, (n_blocks,) [t/mm³]."""
-        of_body = np.array([body.material.density for body in self.bodies])
-        return np.where(self.group_of < 0, 0.0, of_body[self.group_of])
 
     def body_of(self, block: int) -> Body:
         """Return the body of a deformable block."""
@@ -343,11 +334,6 @@ class System:
         return held if self.begin is None else held.beginning_at(self.begin[0])
 
     @property
-    def external_force(self) -> FloatArray:
-        """Loads at the end of a path, (n_nodes, 3) [N]."""
-        return self.loads[-1]
-
-    @property
     def n_nodes(self) -> int:
         """Nodes of all representatives."""
         return int(self.node_start[-1])
@@ -373,12 +359,6 @@ class System:
     def on(self, points: ContactPoints) -> System:
         """The same with other points of contact."""
         return replace(self, chosen=points)
-
-    @cached_property
-    def stiffness(self) -> csr_array:
-        """Stiffness of all representatives, (3 n_nodes, 3 n_nodes) [N/mm]."""
-        blocks = [self.body(k).stiffness.tocsr() for k in range(self.n_slots)]
-        return csr_array(block_diag(blocks, format="csr"))
 
     def internal_force(self, displacement: FloatArray) -> FloatArray:
         """K u, congruent blocks at once, (n_nodes, 3) [N]."""
@@ -423,123 +403,3 @@ def no_symmetry(assembly: Assembly, surfaces: MatchedFacets) -> Orbits:
 def at_share(loads: FloatArray, share: float) -> FloatArray:
     """Loads at a share of a path; of those at its end, or at its beginning and end, (1 or 2, …)."""
     return share * loads[0] if len(loads) == 1 else (1.0 - share) * loads[0] + share * loads[1]
-
-
-#: Resistance of supports to a motion, and loads along it, that are round-off [-].
-_RESISTED = 1e-9
-#: Displacements that nodal forces cause: (n_nodes, 3) [N] to (n_nodes, 3) [mm].
-NodalInverse = Callable[[FloatArray], FloatArray]
-
-
-@dataclass(frozen=True)
-class FreeMotions:
-    """Motions of a periodic cell as a whole: nothing resists them, and they mean nothing.
-
-    A shift of the cell, and a turn about its axis, change no contact and no stress. With small
-    rotations inside the blocks and current normals between them, contact forces balance about the
-    displaced positions and internal forces about the original ones, so a torque of second order
-    about the axis is left that frames would take and a cell cannot. The static solver keeps both
-    out: displacements have no part along these motions (a constraint of the linear problem), and
-    the residual does not count the force of that constraint.
-    """
-
-    motions: FloatArray
-    """Orthonormal, block frames, (n_motions, n_nodes, 3)."""
-
-    def constrained(self, displacement: FloatArray, inverse: NodalInverse) -> FloatArray:
-        """Solution of a linear problem without a part along the motions, (n_nodes, 3) [mm].
-
-        Parameters
-        ----------
-        displacement
-            Solution without the constraint, (n_nodes, 3) [mm].
-        inverse
-            Of the same problem: the motions themselves are the forces of the constraint.
-        """
-        answers = np.stack([inverse(motion) for motion in self.motions])
-        work = np.einsum("kni,lni->kl", self.motions, answers)
-        share = np.linalg.solve(work, self._share(displacement))
-        return displacement - np.einsum("k,kni->ni", share, answers)
-
-    def without(self, vector: FloatArray) -> FloatArray:
-        """Nodal displacements, or forces without those of the constraint, (n_nodes, 3)."""
-        return vector - np.einsum("k,kni->ni", self._share(vector), self.motions)
-
-    def _share(self, vector: FloatArray) -> FloatArray:
-        return np.einsum("kni,ni->k", self.motions, vector)
-
-
-def unresisted_motions(
-    system: System, kept: Callable[[FloatArray], FloatArray] = lambda moved: moved
-) -> FreeMotions | None:
-    """Motions of a periodic cell as a whole that no support or spring resists; None: none.
-
-    Parameters
-    ----------
-    system
-        Blocks and their symmetry: a sector cannot shift across the axis.
-    kept
-        Takes displacements (n_nodes, 3) to those at the nodes that a linear step keeps.
-
-    Raises
-    ------
-    ModelError
-        Loads along such a motion, which nothing carries.
-    """
-    assembly = system.assembly
-    if assembly.image_of is None:
-        return None
-    shifts = assembly.axis[None, :] if system.orbits.order > 1 else np.eye(3)
-    columns = np.zeros((len(shifts) + 1, system.n_nodes, 3))
-    for slot, block in enumerate(system.blocks):
-        mine, turn = system.nodes_of(slot), assembly.rotations[block]
-        columns[:-1, mine] = (shifts @ turn)[:, None]
-        arm = assembly.nodes(int(block)) - assembly.origin
-        columns[-1, mine] = np.cross(assembly.axis, arm) @ turn
-    columns = np.tensordot(_unresisted(system, columns), columns, axes=1)
-    if not len(columns):
-        return None
-    _require_balance(system, columns)
-    basis = np.linalg.qr(np.stack([kept(of).ravel() for of in columns], axis=1))[0]
-    return FreeMotions(np.ascontiguousarray(basis.T).reshape(columns.shape))
-
-
-def _unresisted(system: System, motions: FloatArray) -> FloatArray:
-    """Combinations of motions (n, n_nodes, 3) that supports and springs leave, (m, n)."""
-    size = np.abs(motions).max(axis=(1, 2))
-    slots = range(system.n_slots)
-    felt = [resisted(system, slot, motions[:, system.nodes_of(slot)]) for slot in slots]
-    return left_by(np.concatenate(felt) / size) / size
-
-
-def resisted(system: System, slot: int, motions: FloatArray) -> FloatArray:
-    """What supports and springs of a slot feel of motions of it, (n, n_nodes, 3); (m, n)."""
-    held, nodes, springs = system.held, system.nodes_of(slot), system.body(slot).springs
-    mine = (held.nodes >= nodes.start) & (held.nodes < nodes.stop)
-    at_nodes = motions[:, held.nodes[mine] - nodes.start]
-    felt = np.einsum("nij,kni->njk", held.axes[mine], at_nodes) * held.held[mine][:, :, None]
-    felt = felt.reshape(-1, len(motions))
-    if springs is None:
-        return felt
-    pulled = springs.stiffness @ motions.reshape(len(motions), -1).T
-    return np.concatenate([felt, pulled / np.abs(springs.matrices).max()])
-
-
-def left_by(felt: FloatArray) -> FloatArray:
-    """Combinations of motions of order one of which nothing is felt (m, n), (…, n)."""
-    n = felt.shape[1]
-    _, values, right = np.linalg.svd(np.vstack([felt, np.zeros((n, n))]), full_matrices=False)
-    return right[values <= _RESISTED * max(values.max(), 1.0)]
-
-
-def _require_balance(system: System, motions: FloatArray) -> None:
-    """Reject loads that move a periodic cell as a whole, along motions (n, n_nodes, 3)."""
-    forces = system.external_force
-    work = np.abs(np.einsum("kni,ni->k", motions, forces)) / np.abs(motions).max(axis=(1, 2))
-    least = _RESISTED * float(np.linalg.norm(forces, axis=1).sum())
-    if (work > least).any():
-        raise ModelError(
-            f"{system.assembly.name}: got loads or a weight that move the periodic cell as a "
-            f"whole, by {float(work.max()):.3g} N, and nothing holds it; expected loads that "
-            "balance, or supports"
-        )

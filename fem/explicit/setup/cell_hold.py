@@ -8,7 +8,7 @@ from fem.explicit.body import LaneBody
 from fem.explicit.kernels.layout import to_lanes
 from fem.explicit.step import Interaction, Loop, placed_internal_force
 from fem.explicit.timed import TimedSystem
-from fem.system.system import unresisted_motions
+from fem.system.loose import unresisted_motions
 from geometry.mesh import FloatArray, IntArray
 
 

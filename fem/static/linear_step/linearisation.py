@@ -16,7 +16,7 @@ from importlib import import_module, util
 from typing import Any
 
 import numpy as np
-from scipy.sparse import bsr_array, csc_array, csr_array, csr_matrix, diags_array, triu
+from scipy.sparse import block_diag, bsr_array, csc_array, csr_array, csr_matrix, diags_array, triu
 from scipy.sparse.linalg import SuperLU, splu
 
 from fem.static.linear_step.condensation import CondensedBlock
@@ -342,7 +342,9 @@ class SparseStep(LinearStep):
     def _assembled(self) -> tuple[csr_array, csr_array]:
         """Stiffness of all blocks [N/mm], and springs of one [N/mm] that hold each to its place."""
         sizes = np.diff(self._system.node_start)
-        return self._system.stiffness, csr_array(diags_array(np.repeat(1.0 / sizes, 3 * sizes)))
+        bodies = map(self._system.body, range(self._system.n_slots))
+        stiffness = csr_array(block_diag([body.stiffness.tocsr() for body in bodies], format="csr"))
+        return stiffness, csr_array(diags_array(np.repeat(1.0 / sizes, 3 * sizes)))
 
     def __call__(
         self, linear: Linearisation, before: FloatArray, holding: float = 0.0
