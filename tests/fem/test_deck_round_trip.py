@@ -91,6 +91,8 @@ def test_what_is_read_and_written_is_read_as_the_same(scene, flavour, tmp_path: 
     assert written_again(again) == text
     stated, read = load_case(scene, settings(scene)).problem, again.problem()
     assert read.blocks.volumes == pytest.approx(stated.blocks.volumes, rel=1e-10)
+    np.testing.assert_allclose(read.blocks.centroids, stated.blocks.centroids, atol=1e-9)
+    assert read.element is stated.element
     assert read.deforming.tolist() == stated.deforming.tolist()
     assert set(read.materials) == set(stated.materials)
     # Decks state the stick stiffness that the problem leaves to its default.
