@@ -25,8 +25,10 @@ and at their corners lie on the same side: what an element hides comes on top of
 leaves out.
 
 A value that a few elements decide is not known better than others settle: two meshes may agree by
-chance. Rates and shares were chosen on problems that ``python -m tests.verification error-bars``
-solves; docs/trust/error-bars.md states how they are judged.
+chance. Stresses at edges peak at the same edges: those of degree two and more on one mesh are known
+no better than the worst of them. Rates and shares were chosen on problems that
+``python -m tests.verification error-bars`` solves; docs/trust/error-bars.md states how they are
+judged.
 
 References: P. J. Roache, Perspective: a method for uniform reporting of grid refinement studies, J.
 Fluids Eng. 116 (1994) 405-413; I. Babuška, M. Suri, The h-p version of the finite element method
@@ -246,10 +248,18 @@ def one_mesh_bars(
         for name, bar in bars.items()
     }
     if degrees:
-        local = [bars[n] / abs(values[n]) for n in LOCAL & bars.keys() if values[n]]
-        share = _SHARED_OF_DEGREES * max(local, default=0.0)
-        bars = _at_least(bars, values, dict.fromkeys((*LOCAL, *AT_EDGES), share))
+        share = _SHARED_OF_DEGREES * _widest(bars, values, LOCAL)
+        edges = max(share, _widest(bars, values, AT_EDGES))
+        shares = dict.fromkeys(LOCAL, share) | dict.fromkeys(AT_EDGES, edges)
+        bars = _at_least(bars, values, shares)
     return _with_steps(bars, steps)
+
+
+def _widest(bars: Values, values: Values, names: Iterable[str]) -> float:
+    """Widest relative bar of some stresses, negligible ones left out."""
+    sizes = {name: abs(values[name]) for name in names if name in bars}
+    least = _NEGLIGIBLE * max(sizes.values(), default=0.0)
+    return max((bars[name] / size for name, size in sizes.items() if size > least), default=0.0)
 
 
 def _compared(

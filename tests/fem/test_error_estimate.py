@@ -141,6 +141,18 @@ def test_a_measure_that_a_coarser_mesh_has_not_gets_no_bar() -> None:
     assert list(one_mesh_bars(fine, [(coarse, 2.0)], [], {}, {})) == ["max_displacement"]
 
 
+def test_stresses_at_edges_are_known_no_better_than_the_worst_of_them() -> None:
+    """In degree 3 compression agrees with degree 2 by chance, tension does not; what is negligible
+    beside them may change by its size."""
+    fine = {"sigma_1_max": 1.0, "sigma_3_min": -2.0, "mises_max": 1e-4, "p_eff": 1.0}
+    less = {"sigma_1_max": 0.6, "sigma_3_min": -1.99, "mises_max": 3e-4, "p_eff": 1.0}
+    bars = one_mesh_bars(fine, [], [(less, 2.0)], {}, {})
+    relative = {name: bars[name] / abs(value) for name, value in fine.items()}
+    assert relative["sigma_3_min"] == pytest.approx(relative["sigma_1_max"])
+    assert relative["sigma_1_max"] == pytest.approx(1.5 * 0.4)
+    assert relative["p_eff"] == 0.0
+
+
 def test_limit_reached_in_coarser_meshes_leaves_the_state_and_wider_bars_or_none() -> None:
     """Two courses of bricks: the coarsest mesh is solved first, and the other takes most work."""
     wall = load_case("wall", {"assembly.columns": 2, "assembly.rows": 2}, method="static")
