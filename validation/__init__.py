@@ -32,7 +32,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from validation.case import Case, load_case
+    from validation.case import Case, load_case, solve
     from validation.errors import InputError
     from validation.notebook import (
         compare,
@@ -48,7 +48,6 @@ if TYPE_CHECKING:
         write,
     )
     from validation.scene.builtin import builtin_names, builtin_text
-    from validation.solving import solve
 
 __all__ = [
     "Case",
@@ -78,7 +77,7 @@ _PLACES = {
     "builtin_names": "validation.scene.builtin",
     "builtin_text": "validation.scene.builtin",
     "load_case": "validation.case",
-    "solve": "validation.solving",
+    "solve": "validation.case",
 }
 
 

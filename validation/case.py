@@ -1,18 +1,19 @@
-"""A case: what is asked. A problem, stated by a scene or in Python, and a method."""
+"""A case and its answer: a problem, stated by a scene or in Python, a method, and `solve`."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, fields, replace
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import TYPE_CHECKING, Any, TypeAlias, cast
 
 from fem.method import Explicit, Static
+from geometry.compilation.clocks import timed_stages
 from mbd.options import Rigid
 from validation.errors import InputError, named
 from validation.scene.combinations import combined
-from validation.scene.deformable import METHODS, EffectName, stated_share
+from validation.scene.deformable import METHODS
 from validation.scene.family import RoundScene
 from validation.scene.keys.idle import KeyUse
 from validation.scene.keys.quantities import unit_of_key
@@ -27,9 +28,12 @@ from validation.scene.read import (
 from validation.scene.sections import LimitsSection, PicturesSection
 
 if TYPE_CHECKING:
+    from fem.explicit.solve import Frame
     from fem.problem import Problem
     from geometry.answer import Answer
     from geometry.assembly import Assembly
+    from geometry.machine.work import Budget
+    from geometry.parts.dimensions import Built
 
 #: How blocks are answered.
 Method: TypeAlias = Rigid | Static | Explicit
@@ -346,6 +350,111 @@ def settings_words(settings: Settings) -> list[str]:
     return [f"{key}={toml_value(value)}" for key, value in settings.items()]
 
 
+def solve(
+    case: Case,
+    progress: Callable[[Any], None] | None = None,
+    *,
+    otherwise: Mapping[str, float] | None = None,
+    on_frame: Callable[[Frame], None] | None = None,
+    checkpoint: Path | None = None,
+    resume: Path | None = None,
+) -> Answer:
+    """Answer a case by its method.
+
+    Parameters
+    ----------
+    case
+        Of `load_case`, or ``Case(problem, Rigid())``.
+    progress
+        Called with what the run is at: words, or an object whose ``str`` is.
+    otherwise
+        Relative error bars [-] that a static state is refined to where its method has no accuracy;
+        None: `fem.accuracy.converge.TARGETS`.
+    on_frame, checkpoint, resume
+        As `fem.solve_static` and `fem.solve_explicit`.
+
+    Returns
+    -------
+    Answer
+        With its case; ``print(answer)`` is its table.
+
+    Raises
+    ------
+    InputError
+        One line: what was got, what is expected, what to do.
+    KeyboardInterrupt
+        An explicit run that was interrupted and has no checkpoint.
+    """
+    show, method = progress or (lambda _: None), case.method
+    show("builds the blocks and finds where they touch")
+    with timed_stages() as watch:
+        problem = case.problem if isinstance(method, Rigid) else case.check()
+        watch.lap("build")
+    built = watch.seconds()
+    with named(case.name, keys=case.source is not None):
+        if isinstance(method, Rigid):
+            from mbd.answer import analyse
+
+            answer = analyse(problem, method, progress=show)
+        elif isinstance(method, Static):
+            from fem.accuracy.statics import solve_static
+
+            answer = solve_static(
+                problem, method, otherwise=otherwise, progress=show, on_frame=on_frame
+            )
+        else:
+            from fem.dynamics import solve_explicit
+
+            answer = solve_explicit(
+                problem,
+                method,
+                progress=show,
+                on_frame=on_frame,
+                checkpoint=checkpoint,
+                resume=resume,
+            )
+            run = answer.details.run
+            if checkpoint is None and run.status == "interrupted":
+                raise KeyboardInterrupt(
+                    f"{run.n_steps} time steps were done; no checkpoint was written: -o names a "
+                    "folder for one"
+                )
+    from geometry.parts.dimensions import Limits
+
+    answer = case.told(answer, built)
+    built_blocks = cast("Built", answer.parts["dimensions"])
+    limits = Limits(case.limits.least_wall, case.limits.steepest_joint)
+    return replace(answer.beside({"dimensions": replace(built_blocks, limits=limits)}), case=case)
+
+
+def repeatable(answer: Answer) -> Answer:
+    """Return an answer that every machine gives.
+
+    Raises
+    ------
+    KeyboardInterrupt
+        Ctrl-C ended its run.
+    InputError
+        A limit of CPU time did.
+    """
+    run = None if answer.method == "rigid" else answer.details.run
+    by = cast("Budget", answer.parts["work"]).stopped_by
+    if by == "interrupt" or (run is not None and run.status == "interrupted"):
+        raise KeyboardInterrupt
+    if run is not None and by == "work":
+        raise InputError(
+            "fem.max_work: the limit of work ended an explicit run before its end; expected more, "
+            "or none"
+        )
+    if by == "clock":
+        section = "rigid" if answer.method == "rigid" else "fem"
+        raise InputError(
+            f"{section}.max_seconds: the limit of CPU time ended a run, and its answer depends on "
+            f"the machine; expected {section}.max_work, which is the same on every machine"
+        )
+    return answer
+
+
 def require_deformable(case: Case, command: str) -> None:
     """Reject a case without deformable blocks in contact."""
     if not case.meets:
@@ -362,26 +471,3 @@ def refuse_cell(case: Case, command: str) -> None:
             f'{case.name}: fem.symmetry: got "periodic cell"; `tubelock {command}` needs the whole '
             'tube: expected "auto"'
         )
-
-
-def with_auto(case: Case, tolerance: str | None, keep: Iterable[str] = ()) -> Case:
-    """Case whose effects are decided before a run, as ``effects.auto`` would state.
-
-    A tolerance is such as ``1%``, None that of the scene; names of effects to keep are checked.
-    """
-    names = tuple(keep)
-    if tolerance is None and not names:
-        return case
-    if not case.meets:
-        raise InputError(
-            f"{case.name}: --auto compares contact pressures of deformable blocks; expected a "
-            "scene with contact, such as tsb1-pipe"
-        )
-    if tolerance is None and case.auto is None:
-        raise InputError("--keep: nothing is decided without --auto; expected --auto 1% beside it")
-    unknown = [name for name in names if name not in set(EffectName)]
-    if unknown:
-        raise InputError(f"--keep {unknown[0]}: expected one of {', '.join(EffectName)}")
-    if tolerance is None:
-        return case
-    return case.varied({"effects.auto": stated_share("--auto", tolerance)})

@@ -43,7 +43,8 @@ UNUSED = (
     *("mbd.programs", "mbd.friction.", "mbd.limits"),
     *("validation.output.pictures.canvas", "validation.output.pictures.gallery"),
     *("validation.study", "validation.pages", "validation.paper", "validation.stability"),
-    *("mbd.held", "validation.build.polyhedra", "validation.scene.families.box"),
+    *("mbd.held", "validation.build.polyhedra", "validation.build.supports"),
+    "validation.scene.families.box",
 )
 
 

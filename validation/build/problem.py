@@ -25,7 +25,6 @@ from geometry.parts.measures import Planes, SectionError, planes
 from geometry.parts.placed import AnyBlocks
 from geometry.parts.rows import Notes, Part, Row, grouped
 from validation.build.materials import build_materials, friction_of_pairs, laws_of_pairs
-from validation.build.supports import held_at_faces, stands_on_a_face, stated_load
 from validation.errors import InputError, named
 from validation.scene.deformable import (
     FemSection,
@@ -104,7 +103,16 @@ def _build_hexahedra(scene: DeformableScene, name: str) -> LoadCase:
 
 def scene_load(scene: AssemblyScene, assembly: Assembly) -> LoadCase:
     """Build the load of a scene on blocks already built."""
-    return stated_load(scene, assembly, scene.build_load(assembly))
+    return _with_supports(scene, assembly, scene.build_load(assembly))
+
+
+def _with_supports(scene: DeformableScene, assembly: AnyBlocks, load: LoadCase) -> LoadCase:
+    """A load with what is stated on parts of surfaces, where something is."""
+    if not (scene.supports or scene.loads or scene.push):
+        return load
+    from validation.build.supports import stated_load
+
+    return stated_load(scene, assembly, load)
 
 
 def _element(scene: DeformableScene, assembly: Assembly) -> dict[str, Any]:
@@ -129,10 +137,10 @@ def _stated(scene: DeformableScene, load: LoadCase, *, rigid: bool) -> Problem:
     Where facets do not match, or the scene states it, contact searches facets that face each other.
     """
     blocks, effects, more = load.assembly, scene.effects, dict[str, Any]()
-    anywhere, outer = False, stands_on_a_face(scene)
+    anywhere, outer = False, scene.stands
     if not rigid:
         assert isinstance(blocks, Assembly)
-        anywhere, outer = bool(blocks.unmatched) or effects.finite_sliding, held_at_faces(scene)
+        anywhere, outer = bool(blocks.unmatched) or effects.finite_sliding, scene.held_at_faces
         more = {**_element(scene, blocks), "motion": scene.motion}
         if scene.meets:
             more["law"] = build_law(scene, blocks, sliding=anywhere)
@@ -166,7 +174,7 @@ def rigid_problem(scene: DeformableScene, name: str, known: Assembly | None = No
             solids = build_polyhedra(scene)
             live = build_live_load(scene, solids)
             load = LoadCase(solids, "variable load", (), solids.fixed, body_wrenches=live)
-            return _stated(scene, stated_load(scene, solids, load), rigid=True)
+            return _stated(scene, _with_supports(scene, solids, load), rigid=True)
         if not scene.meets:
             raise InputError(
                 f"{name}: block.type {scene.block.type!r} is one deformable body without contacts; "

@@ -30,7 +30,6 @@ from geometry.parts.regions import (
 )
 from geometry.parts.supports import PUSH, HeldFace
 from validation.errors import InputError
-from validation.scene.family import AssemblyScene
 from validation.scene.read import DeformableScene
 from validation.scene.supports import (
     PushSection,
@@ -46,8 +45,6 @@ _FLAT = 1e-6
 def stated_load(scene: DeformableScene, assembly: AnyBlocks, load: LoadCase) -> LoadCase:
     """Put what ``[[supports]]``, ``[[loads]]`` and ``load.push`` state on top of a load."""
     supports, loads, push = scene.supports, scene.loads, scene.push
-    if not (supports or loads or push):
-        return load
     _refuse_fixed(scene, assembly)
     held = [
         face for k, one in enumerate(supports) for face in _held(assembly, one, f"supports[{k}]")
@@ -126,22 +123,9 @@ def supported_blocks(scene: DeformableScene, assembly: AnyBlocks) -> IntArray:
     return np.unique(np.concatenate([np.zeros(0, dtype=np.int64), *blocks]))
 
 
-def held_at_faces(scene: DeformableScene) -> bool:
-    """Whether fixed blocks deform and are held at their outer faces; else they are rigid."""
-    return stands_on_a_face(scene) or scene.effects.elastic_frame
-
-
-def stands_on_a_face(scene: DeformableScene) -> bool:
-    """Whether blocks stand on the bottom face of the first one, as boxes do: none is ground.
-
-    To rigid blocks the first one counts as fixed, and what acts on it as what its support takes.
-    """
-    return isinstance(scene, AssemblyScene) and scene.stands
-
-
 def _refuse_fixed(scene: DeformableScene, assembly: AnyBlocks) -> None:
     """Reject fixed blocks that are supported, loaded or pushed: nothing would come of it."""
-    if held_at_faces(scene):
+    if scene.held_at_faces:
         return
     chosen = [(f"supports[{k}].blocks", one.blocks) for k, one in enumerate(scene.supports)]
     chosen += [(f"loads[{k}].blocks", one.blocks) for k, one in enumerate(scene.loads)]

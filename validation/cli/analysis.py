@@ -22,6 +22,7 @@ from validation.cli.options import (
     not_reached,
     scene_outputs,
     solve_combinations,
+    with_auto,
 )
 from validation.errors import InputError
 
@@ -97,7 +98,7 @@ def mbd(
 
 def _rigid_answer(case: Case, outputs: Outputs, show: Callable[[Any], None]) -> Answer:
     """Answer, with stages that a file of rows in the folder keeps."""
-    from validation.solving import solve
+    from validation.case import solve
 
     if STAGES not in outputs.names:
         return solve(case, show)
@@ -168,7 +169,7 @@ def fem(
     resume : CHECKPOINT
         Continue an interrupted run.
     """
-    from validation.case import load_case, with_auto
+    from validation.case import load_case
     from validation.output.command_files import write_command_files
 
     case = with_auto(load_case(scene, settings or ()), auto, keep or ())
@@ -206,9 +207,9 @@ def _deformable_outputs(
 
 def _deformable_answer(case: Case, outputs: Outputs, resume: Path | None) -> Answer:
     """Answer with frames and a checkpoint in the folder; an interrupted run says how to go on."""
+    from validation.case import solve
     from validation.output.console import solver_progress
     from validation.output.deformable.fields import FrameWriter
-    from validation.solving import solve
 
     files: dict[str, Any] = {}
     if outputs.folder is not None:
@@ -274,7 +275,7 @@ def compare(
         Also solve the steps from rigid to deformable blocks.
     """
     from geometry.machine.system import peak_memory_mb
-    from validation.case import load_case, require_deformable, with_auto
+    from validation.case import load_case, require_deformable
     from validation.output.console import solver_progress
     from validation.study.comparison import report
     from validation.study.comparison.scene import compared_runs

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 import inspect
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -96,6 +96,31 @@ def scene_outputs(
     if more.get("fields") and folder is None:
         raise InputError("--fields: got no folder for them; name one with -o DIR")
     return Outputs(json, folder, names, scene=file, **more)
+
+
+def with_auto(case: Case, tolerance: str | None, keep: Iterable[str] = ()) -> Case:
+    """Case whose effects are decided before a run, as ``effects.auto`` would state.
+
+    A tolerance is such as ``1%``, None that of the scene; names of effects to keep are checked.
+    """
+    from validation.scene.deformable import EffectName, stated_share
+
+    names = tuple(keep)
+    if tolerance is None and not names:
+        return case
+    if not case.meets:
+        raise InputError(
+            f"{case.name}: --auto compares contact pressures of deformable blocks; expected a "
+            "scene with contact, such as tsb1-pipe"
+        )
+    if tolerance is None and case.auto is None:
+        raise InputError("--keep: nothing is decided without --auto; expected --auto 1% beside it")
+    unknown = [name for name in names if name not in set(EffectName)]
+    if unknown:
+        raise InputError(f"--keep {unknown[0]}: expected one of {', '.join(EffectName)}")
+    if tolerance is None:
+        return case
+    return case.varied({"effects.auto": stated_share("--auto", tolerance)})
 
 
 def decided(

@@ -14,11 +14,11 @@ from geometry.assembly import Assembly
 from geometry.files.mesh_io import write_cells
 from geometry.machine.system import write_whole
 from geometry.parts.measures import JointResultants, SectionForces
+from validation.case import solve
 from validation.errors import InputError
 from validation.output import answer_files
 from validation.output.files import FRAMES, write_csv
 from validation.output.outputs import Outputs
-from validation.solving import solve
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

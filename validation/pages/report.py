@@ -12,7 +12,7 @@ from geometry.answer import Answer
 from geometry.errors import RefusedError
 from geometry.machine.system import write_whole
 from geometry.parts.rows import RowTable
-from validation.case import Case
+from validation.case import Case, repeatable, solve
 from validation.errors import InputError
 from validation.output.command_files import is_meshed, pictures
 from validation.output.files import Provenance
@@ -21,7 +21,6 @@ from validation.pages.page import page_text
 from validation.pages.verdicts import PageVerdict, verdicts
 from validation.pages.views import layer_words, middle_layers, pressure_view, stress_view
 from validation.scene.keys.toml_text import toml_text
-from validation.solving import repeatable, solve
 from validation.study.combinations import combination_cases, combination_rows
 
 Tell = Callable[[Any], None]

@@ -400,6 +400,15 @@ class DeformableSections(Section):
     #: Whether blocks meet; else they are single bodies, and contact says nothing.
     meets: ClassVar[bool] = True
 
+    #: Whether blocks stand on the bottom face of the first one, as boxes do: none is ground. To
+    #: rigid blocks the first one counts as fixed, and what acts on it as what its support takes.
+    stands: ClassVar[bool] = False
+
+    @property
+    def held_at_faces(self) -> bool:
+        """Whether fixed blocks deform and are held at their outer faces; else they are rigid."""
+        return self.stands or self.effects.elastic_frame
+
     @property
     def motion(self) -> Motion | None:
         """Motion at time 0; None: at rest."""

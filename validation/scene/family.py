@@ -334,9 +334,6 @@ def _stated(section: Any) -> tuple[Any, Any]:
 class AssemblyScene(FamilyScene):
     """A scene of blocks with hexahedra."""
 
-    #: Whether fixed blocks are fixed at their outer faces; else they are rigid by default.
-    stands: ClassVar[bool] = False
-
     def build(self) -> Assembly:
         """Build the blocks."""
         with keyed(self.keys):

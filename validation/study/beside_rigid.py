@@ -25,10 +25,9 @@ from mbd import MechanismClass
 from mbd.answer import analyse
 from mbd.building.stages import Construction
 from mbd.options import Rigid
-from validation.case import Case
+from validation.case import Case, solve
 from validation.errors import InputError, named
 from validation.scene.family import round_types
-from validation.solving import solve
 from validation.study.rowfile import StudyRows
 from validation.study.run import answered, computed, runner_for
 from validation.study.scene_study import SceneStudy

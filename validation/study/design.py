@@ -88,7 +88,7 @@ NO_COLUMN = ("collapse", "sliding", "ranges", "margin")
 
 def rigid_results(case: Case) -> dict[str, Any]:
     """Results of rigid blocks by the names of `COLUMNS`, and nothing that no column has."""
-    from validation.solving import repeatable, solve
+    from validation.case import repeatable, solve
 
     method = case.method if isinstance(case.method, Rigid) else case.with_method("rigid").method
     idle: dict[str, Any] = dict.fromkeys(NO_COLUMN, False)
@@ -129,7 +129,7 @@ def fem_results(case: Case) -> tuple[dict[str, Any], list[str]]:
     from fem.accuracy.errors import AT_AN_EDGE
     from fem.accuracy.parts import Accuracy
     from fem.answer.energies import energy_balance
-    from validation.solving import repeatable, solve
+    from validation.case import repeatable, solve
 
     answer = repeatable(solve(case, otherwise=dict.fromkeys(TARGETS, RANKING)))
     measures, result = answer.measures, dict[str, Any]()

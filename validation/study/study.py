@@ -148,7 +148,7 @@ class CaseStudy(Study):
 
     def results(self, number: int) -> tuple[dict[str, Any], list[str]]:
         """Return the answer without its fields."""
-        from validation.solving import repeatable, solve
+        from validation.case import repeatable, solve
 
         return {"answer": repeatable(solve(self.case(number))).as_dict()}, []
 

@@ -17,7 +17,7 @@ import numpy as np
 
 from geometry.answer import Answer
 from geometry.errors import RefusedError
-from validation.case import Case, load_case
+from validation.case import Case, load_case, solve
 from validation.errors import InputError
 from validation.output.command_files import is_meshed, pictures
 from validation.output.pictures.canvas import View
@@ -26,7 +26,6 @@ from validation.output.pictures.view_3d import colour_gradient
 from validation.pages.verdicts import verdicts
 from validation.pages.views import layer_words, middle_layers, rigid_view, stressed
 from validation.scene.keys.toml_text import toml_text
-from validation.solving import solve
 
 _STRESS = "maximum principal stress σ₁, red is tension"
 _FRAMES = "end rings may lock a short tube: `tubelock mbd SCENE --layers-to-unlock` checks it"
@@ -160,10 +159,10 @@ def _send(connection: Any, words: str) -> None:
 
 
 def _deformable_shown(file: Case, tell: Any) -> Shown:
+    from validation.case import solve
     from validation.output.pictures.gallery import png_of
     from validation.output.pictures.scales import drawing_scale
     from validation.output.pictures.tubes import draw_stresses
-    from validation.solving import solve
 
     tell("first mesh")
     start = time.process_time()

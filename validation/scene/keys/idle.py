@@ -80,7 +80,7 @@ _IDLE_WHERE: Mapping[str, Callable[[Any, str], bool]] = {
     "mesh": lambda scene, method: method in ("rigid", "blocks") and _solids(scene),
     "fem.safety_factor": lambda scene, _: scene.fem.time_step is not None,
     "fem.residual": lambda scene, _: scene.damping != "static" and not scene.meets,
-    "effects.elastic_frame": lambda scene, _: getattr(scene, "stands", False),
+    "effects.elastic_frame": lambda scene, _: scene.stands,
     "fem.motion_steps": lambda scene, _: not scene.moves,
     "rigid.friction_law": lambda scene, _: scene.effects.friction is None,
     "block.thickness": lambda scene, _: scene.block.type == "ball",

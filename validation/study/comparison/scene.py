@@ -16,9 +16,8 @@ from fem.problem import Problem
 from fem.system.facing_blocks import facing_blocks
 from geometry.answer import Answer
 from mbd.options import Norm, Rigid
-from validation.case import Case, Method, refuse_cell
+from validation.case import Case, Method, refuse_cell, repeatable, solve
 from validation.errors import InputError
-from validation.solving import repeatable, solve
 
 
 def compared_runs(

@@ -19,9 +19,8 @@ from fem.explicit.start import prepare
 from fem.explicit.step import Loop, step
 from fem.explicit.timed import TimedSystem
 from fem.method import Explicit
-from validation.case import Case, refuse_cell
+from validation.case import Case, refuse_cell, solve
 from validation.errors import InputError, named
-from validation.solving import solve
 from validation.study.effects.probe import Quantities, change, quantities_of
 from validation.study.effects.switches import effects_of, key_changes, without_effect
 from validation.study.run import answered

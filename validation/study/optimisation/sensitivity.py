@@ -22,14 +22,13 @@ from rich.console import Console
 
 from geometry.answer import Measure, title_of
 from geometry.errors import RefusedError
-from validation.case import Case, require_deformable
+from validation.case import Case, repeatable, require_deformable, solve
 from validation.errors import InputError
 from validation.output.answer_files import measure_of
 from validation.output.console import listing
 from validation.output.files import write_csv
 from validation.output.pictures.gallery import save_figure, subplots
 from validation.output.pictures.scales import BLUE, VERMILION
-from validation.solving import repeatable, solve
 from validation.study.design import DesignRow, Quantity
 from validation.study.rowfile import StudyRows
 from validation.study.run import computed, runner_for
