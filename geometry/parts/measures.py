@@ -427,21 +427,17 @@ def planes(
     names: Sequence[str] | None = None,
 ) -> Planes:
     """Check planes: one point (3,) or several (n, 3) [mm], with a normal of any length each."""
+    # Arrays are printed on several lines.
+    got = " ".join(f"section: got point {points!r} and normal {normals!r}".split())
     try:
         at, along = (np.atleast_2d(np.asarray(v, dtype=np.float64)) for v in (points, normals))
         at, along = np.broadcast_arrays(at, along)
     except (TypeError, ValueError):
-        raise SectionError(
-            f"section: got point {points!r} and normal {normals!r}; expected three numbers each, "
-            "or (n, 3)"
-        ) from None
+        raise SectionError(f"{got}; expected three numbers each, or (n, 3)") from None
     size = np.linalg.norm(along, axis=-1, keepdims=True)
     fit = at.ndim == 2 and at.shape[1] == 3 and len(at) > 0
     if not (fit and np.isfinite(at).all() and np.isfinite(size).all() and (size > 0.0).all()):
-        raise SectionError(
-            f"section: got point {points!r} and normal {normals!r}; expected three finite numbers "
-            "each, the normal not zero"
-        )
+        raise SectionError(f"{got}; expected three finite numbers each, the normal not zero")
     chosen = None if blocks is None else np.unique(np.asarray(blocks, dtype=np.int64))
     named = [str(k) for k in range(len(at))] if names is None else names
     return Planes(points=at, normals=along / size, blocks=(chosen,) * len(at), names=tuple(named))

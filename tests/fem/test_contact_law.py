@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from fem import ExponentialLaw, LinearPenalty
-from fem.contact.law import ContactLawError
 
 pytestmark = pytest.mark.quick
 
@@ -137,20 +136,3 @@ def test_shapes_are_kept():
     x = np.zeros((3, 4, 2))
     assert ExponentialLaw().pressure(x).shape == (3, 4, 2)
     assert ExponentialLaw().pressure(0.0).shape == ()
-
-
-@pytest.mark.parametrize(
-    ("make", "text"),
-    [
-        (lambda: ExponentialLaw(0.0), "clearance_at_zero_pressure"),
-        (lambda: ExponentialLaw(1e-3, -1.0), "pressure_at_zero_clearance"),
-        (lambda: ExponentialLaw(1e-3, math.inf), "pressure_at_zero_clearance"),
-        (lambda: ExponentialLaw(maximum_stiffness=math.nan), "maximum_stiffness"),
-        (lambda: ExponentialLaw(maximum_stiffness=0.1), "at least 0.2582"),
-        (lambda: LinearPenalty(0.0), "stiffness"),
-        (lambda: LinearPenalty(math.inf), "stiffness"),
-    ],
-)
-def test_unusable_constants_are_refused(make, text):
-    with pytest.raises(ContactLawError, match=text):
-        make()

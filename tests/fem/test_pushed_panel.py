@@ -14,9 +14,7 @@ from fem.answer.forces import push_curves_of
 from fem.state import State
 from fem.static.solve import static_state
 from fem.system.reactions import PushCurve
-from geometry import TetrahedraLayer
 from geometry.families.platonic_layers import tetrahedron
-from geometry.parts.placed import AssemblyError
 from mbd import contact_jacobian
 from mbd.friction.equilibrium import frictional_contacts, frictional_equilibrium
 from mbd.limits.force_range import force_ranges
@@ -165,19 +163,6 @@ def test_truncated_tetrahedra_have_the_volume_of_their_sections() -> None:
     assert shape.volume == pytest.approx(expected, rel=1e-12)
     whole = tetrahedron(edge, edge / np.sqrt(2.0))
     assert whole.volume == pytest.approx(tetrahedron(edge).volume, rel=1e-12)
-
-
-@pytest.mark.quick
-@pytest.mark.parametrize("freed", [(10,), (21,)])
-def test_only_blocks_of_the_ring_are_freed(freed: tuple[int, ...]) -> None:
-    with pytest.raises(AssemblyError, match=f"freed: got {freed[0]}; expected numbers of blocks"):
-        TetrahedraLayer(100.0, 3, 3, freed=freed).build()
-
-
-@pytest.mark.quick
-def test_a_thickness_beyond_the_edges_is_rejected() -> None:
-    with pytest.raises(AssemblyError, match=r"thickness: got 80; expected less than 70\.71"):
-        TetrahedraLayer(100.0, 3, 3, thickness=80.0).build()
 
 
 @pytest.mark.parametrize(

@@ -8,7 +8,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from geometry import HexagonBlock
-from geometry.errors import RefusedError
 from geometry.families.hexagon_block import HexagonBlockDivisions, hexagon_block
 from geometry.families.tube import HexagonTube
 
@@ -73,26 +72,3 @@ def test_frames_are_flat_and_fixed() -> None:
     assert tube.fixed.sum() == 8
     height = np.ptp(np.concatenate([tube.nodes(b)[:, 2] for b in range(tube.n_blocks)]))
     assert height == pytest.approx(4 * THB0.layer_pitch, rel=1e-14)
-
-
-@pytest.mark.parametrize(
-    ("changes", "divisions", "message"),
-    [
-        ({"blocks_per_layer": 1}, (4, 2), "blocks_per_layer: got 1"),
-        ({"thickness": 0.0}, (4, 2), "thickness: got 0.0"),
-        ({"inner_radius": np.nan}, (4, 2), "inner_radius: got nan"),
-        ({}, (5, 2), "try 4 or 6"),
-        ({}, (4, 0), "radial: got 0"),
-    ],
-)
-def test_bad_parameters_are_refused(
-    changes: dict[str, float], divisions: tuple[int, int], message: str
-) -> None:
-    values = {"blocks_per_layer": 4, "inner_radius": 120.0, "thickness": 40.0} | changes
-    with pytest.raises(RefusedError, match=message):
-        hexagon_block(HexagonBlock(**values), HexagonBlockDivisions(*divisions))  # type: ignore[arg-type]
-
-
-def test_a_tube_without_free_layers_is_refused() -> None:
-    with pytest.raises(RefusedError, match="layers: got 0"):
-        HexagonTube(THB0, HexagonBlockDivisions(4, 2), 0).build()

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from geometry.answer import title_of
-from geometry.parts.measures import Resultants, SectionError, block_measures, measures, planes
+from geometry.parts.measures import Resultants, block_measures, measures, planes
 from geometry.polyhedra.facet_contact import PatchContacts
 from tests.support.coarse_tubes import keys
 from validation import load_case, solve
@@ -135,25 +135,6 @@ def test_contacts_without_a_patch_add_to_none() -> None:
     values = np.array([[1.0], [7.0], [2.0], [9.0], [4.0]])
     found = PatchContacts.of_patches(contacts, np.arange(5), values)  # type: ignore[arg-type]
     assert found.ravel().tolist() == [5.0, 0.0, 2.0]
-
-
-@pytest.mark.parametrize(
-    ("points", "normals"),
-    [
-        ([0.0, 0.0, np.nan], [0.0, 0.0, 1.0]),
-        ([np.inf, 0.0, 0.0], [0.0, 0.0, 1.0]),
-        ([0.0, 0.0, 0.0], [0.0, np.inf, 1.0]),
-        ([[0.0, 0.0, 0.0]] * 2, [[0.0, 0.0, 1.0], [0.0, 0.0, 0.0]]),
-        ([0.0, 0.0], [0.0, 1.0]),
-        (np.zeros((0, 3)), np.zeros((0, 3))),
-        (np.zeros((1, 1, 3)), np.ones((1, 1, 3))),
-        (np.zeros((2, 3)), np.ones((3, 3))),
-        ("x", [0.0, 0.0, 1.0]),
-    ],
-)
-def test_planes_without_a_place_or_a_direction_are_rejected(points, normals) -> None:
-    with pytest.raises(SectionError, match="section: got point"):
-        planes(points, normals)
 
 
 def test_planes_take_normals_of_any_length_and_one_for_all() -> None:

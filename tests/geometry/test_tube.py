@@ -128,28 +128,6 @@ def test_loads_turn_with_the_assembly(small_tube: Assembly) -> None:
             np.testing.assert_allclose(b, a @ turn.T, atol=1e-12 * np.abs(a).max())
 
 
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        ({"height": -1.0}, "height: got -1.0; expected greater than 0"),
-        ({"thickness": 0.0}, "thickness: got 0.0"),
-        ({"inner_radius": float("nan")}, "inner_radius: got nan"),
-        ({"amplitude": 100.0}, "cuts through the frame blocks"),
-        ({"amplitude": -1.0}, "amplitude: got -1.0"),
-        ({"frequency": 1.3}, "try 1 or 1.5"),
-        ({"blocks_per_layer": 1}, "blocks_per_layer: got 1"),
-    ],
-)
-def test_bad_parameters_are_refused(change: dict[str, float], message: str) -> None:
-    with pytest.raises(RefusedError, match=message):
-        SineTube(tsb(**change), SineBlockDivisions(24, 2, 2), 1).build()
-
-
-def test_element_counts_that_cannot_conform_name_those_that_would() -> None:
-    with pytest.raises(BlockParameterError, match="multiple of 3: try 24 or 27"):
-        SineTube(tsb(), SineBlockDivisions(25, 2, 2), 1).build()
-
-
 @pytest.mark.parametrize("shuffled", [False, True])
 def test_interfaces_are_those_of_a_search_among_all_facets(shuffled: bool) -> None:
     """Each way two blocks lie side by side is searched once: against all pairs, in the world."""
@@ -208,14 +186,6 @@ def test_odd_layers_turn_by_whole_waves(frequency: float, turn: str | int, share
     assert (met[tube.free_blocks] == tube.eligible_facets()[tube.free_blocks]).all()
 
 
-def test_meshes_that_miss_after_a_turn_name_counts_and_turns() -> None:
-    """Four waves: one wave needs whole quarters of the block, the half block only halves."""
-    SineTube(tsb(frequency=2.0), SineBlockDivisions(18, 2, 2), 1).build()
-    message = r"multiple of 4: try 16 or 20, or `turn` = 2"
-    with pytest.raises(BlockParameterError, match=message):
-        SineTube(tsb(frequency=2.0), SineBlockDivisions(18, 2, 2), 1, LayerTurn.ONE_WAVE).build()
-
-
 @pytest.mark.parametrize("turn", [0.25, 0.5, 1.3])
 def test_depth_of_a_collision_is_that_of_the_faces(turn: float) -> None:
     """2 a |sin π turn| against the faces themselves, sampled: of second order in the step."""
@@ -254,15 +224,6 @@ def test_shaft_as_printed_acts_at_the_mean_of_the_surface_nodes(family: str) -> 
         np.testing.assert_array_equal(shape.surface_nodes, surface)
         mean = tube.nodes(b)[surface].mean(axis=0)
         np.testing.assert_allclose(load.centroids[load.block == b] - mean, 0.0, atol=1e-12)
-
-
-def test_no_layers_and_missing_layers_are_refused(small_tube: Assembly) -> None:
-    with pytest.raises(RefusedError, match="layers: got 0"):
-        SineTube(tsb(), SineBlockDivisions(24, 2, 2), 0).build()
-    with pytest.raises(LoadCaseError, match=r"^layer: got 4.*from 1 to 3"):
-        named_load("shaft", 0.01, layer=4).on(small_tube)
-    with pytest.raises(LoadCaseError, match=r"^case: got .pipes."):
-        named_load("pipes", 0.01).on(small_tube)
 
 
 def test_a_wall_has_no_axis_for_a_traction_to_go_round() -> None:

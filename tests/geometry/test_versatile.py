@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from geometry.errors import RefusedError
 from geometry.families.versatile_panel import PanelArrangement, VersatilePanel, versatile_block
 from geometry.polyhedra.overlap import check_assembly
 from validation import load_case, solve
@@ -39,9 +38,3 @@ def test_the_scene_is_interlocked_by_its_faces_in_every_arrangement(arrangement:
     answer = solve(load_case("versatile", settings).with_method("rigid"))
     assert answer.as_dict()["mechanism"] == "locked"
     assert answer.as_dict()["n_points_without_area"] > 0
-
-
-@pytest.mark.parametrize("wrong", [(0.0, 1.0, 1, 1), (1.0, -1.0, 1, 1), (1.0, 1.0, 0, 1)])
-def test_panels_that_cannot_be_built(wrong: tuple[float, float, int, int]) -> None:
-    with pytest.raises(RefusedError, match="expected"):
-        VersatilePanel(*wrong).build()
