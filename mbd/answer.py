@@ -51,7 +51,6 @@ if TYPE_CHECKING:
     from geometry.polyhedra.assembly import PolyhedralAssembly
     from mbd.building.stages import StageResults
     from mbd.friction.equilibrium import CollapseLoad
-    from mbd.limits.pushes import Push
     from mbd.results.motion import DrivenMotion
 
 #: Memory of a contact of a tube with its loads, as measured: without friction …
@@ -367,15 +366,14 @@ def _factor(result: RigidResult) -> float:
     return cast("CollapseLoad", result.parts["collapse"]).factor
 
 
-def _push(system: RigidSystem) -> Push:
-    """Limit of the support that pushes a block."""
-    from mbd.limits.pushes import Push, push_limit
+def _push(system: RigidSystem) -> Part:
+    """Limit of the support that pushes a block, or why there is none."""
+    from mbd.limits.pushes import push_limit
 
-    friction = 0.0 if system.coulomb is None else system.coulomb.coefficient
     try:
-        return Push(friction, push_limit(system))
+        return push_limit(system)
     except RefusedError as error:
-        return Push(friction, f"none: {error}")
+        return Notes([Row("limit of the push", f"none: {error}", group="verdict")])
 
 
 def _answer(stated: RigidStatement, result: RigidResult) -> Answer:

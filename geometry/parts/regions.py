@@ -81,10 +81,6 @@ class Box(ReadOnlyArrays):
         return f"the box from {_words(self.low)} to {_words(self.high)}"
 
 
-#: The whole surface.
-EVERYWHERE = Box(np.full(3, -np.inf), np.full(3, np.inf))
-
-
 @dataclass(frozen=True)
 class Edges(ReadOnlyArrays):
     """Edges of a block's surface between corners that are at some places, and those corners."""

@@ -255,10 +255,10 @@ class Pushes:
 
 
 @dataclass(frozen=True)
-class PushLimit:
-    """Largest force along the displacement of a support, of which rigid blocks know the direction.
+class Push:
+    """Largest force along the displacement of a support that moves; load factors are forces [N].
 
-    Load factors are forces [N].
+    Rigid blocks know the direction of its displacement alone.
     """
 
     system: RigidSystem
@@ -275,54 +275,33 @@ class PushLimit:
         pyramid = replace(self.system.frictional, law=FrictionLaw.PYRAMID)
         return sliding_collapse(pyramid, self.system.dead, self.system.live)
 
-
-@dataclass(frozen=True)
-class Push:
-    """Largest force with which a support that moves pushes its block, by faces."""
-
-    friction: float
-    """Coefficient under which it is pushed [-]."""
-    limit: PushLimit | str
-    """Or why there is none."""
-
-    @property
-    def associated(self) -> float | None:
-        """With associated friction [N]; None where there is none."""
-        return None if isinstance(self.limit, str) else finite(self.limit.associated.factor)
-
     @property
     def words(self) -> str:
         """Force at which the block moves with associated friction, and without dilation."""
-        if isinstance(self.limit, str):
-            return self.limit
-        most = self.limit.associated
+        most = self.associated
         if np.isnan(most.factor):
             return most.status
-        slides = self.limit.sliding
         words = f"{number(most.factor)} N with associated friction"
         if np.isinf(most.factor):
             words = "unbounded with associated friction: faces jam"
         elif not most.certified:
             words += " (not certified)"
-        if slides.certified:
-            words += f"; slides without dilation from {number(abs(slides.factor))} N on"
+        if self.sliding.certified:
+            words += f"; slides without dilation from {number(abs(self.sliding.factor))} N on"
             return f"{words} (friction pyramid)"
         return f"{words}; no certified state slides without dilation"
 
     @property
     def rows(self) -> list[Row]:
         """The force."""
-        return [
-            Row("limit of the push", f"{self.words} (by faces)", self.associated, "N", "verdict")
-        ]
+        factor = finite(self.associated.factor)
+        return [Row("limit of the push", f"{self.words} (by faces)", factor, "N", "verdict")]
 
     def as_json(self) -> dict[str, Any]:
         """Return plain data: forces in N; None where friction jams and there is no limit."""
-        if isinstance(self.limit, str):
-            return {"friction": self.friction, "status": self.limit}
-        most, slides = self.limit.associated, self.limit.sliding
+        most, slides, mu = self.associated, self.sliding, self.system.coulomb
         return {
-            "friction": self.friction,
+            "friction": 0.0 if mu is None else mu.coefficient,
             "associated": finite(most.factor),
             "upper_bound": finite(most.upper_bound),
             "certified": most.certified,
@@ -332,7 +311,7 @@ class Push:
         }
 
 
-def push_limit(system: RigidSystem) -> PushLimit:
+def push_limit(system: RigidSystem) -> Push:
     """Find the largest force of the support that moves on top of all other loads.
 
     Raises
@@ -352,7 +331,7 @@ def push_limit(system: RigidSystem) -> PushLimit:
     one = LoadCase(blocks, load.name, (), load.fixed, held, body_wrenches=_unit_force(blocks, push))
     method = replace(system.method, friction_law=FrictionLaw.CONE)
     guided = RigidSystem(Stated(blocks, one, load.wrenches, system.coulomb), method)
-    return PushLimit(guided, collapse_load(guided.frictional, guided.dead, guided.live))
+    return Push(guided, collapse_load(guided.frictional, guided.dead, guided.live))
 
 
 def _unit_force(assembly: AnyBlocks, push: HeldFace) -> FloatArray:

@@ -336,19 +336,21 @@ class RigidResult(ReadOnlyArrays):
         return {kind: int((patch == kind).sum()) for kind in (CROSSING_EDGES, STANDING_CORNER)}
 
     @cached_property
-    def _supports(self) -> tuple[Reactions, FloatArray]:
+    def _supports(self) -> tuple[Reactions | None, FloatArray]:
         """Supports by name, and what they and the loads do to each block, (n_blocks, 6)."""
-        blocks, load, on_blocks = self.blocks, self.load, self.load.wrenches
-        if load.held:
-            on_blocks = on_blocks + contact_wrenches(blocks, self.contact_index, self.forces)
-        supports, on_each = support_wrenches(blocks, load, on_blocks)
+        blocks, load = self.blocks, self.load
+        if not load.held:
+            return None, load.wrenches
+        on_blocks = contact_wrenches(blocks, self.contact_index, self.forces)
+        supports, on_each = support_wrenches(blocks, load, load.wrenches + on_blocks)
         return supports, load.wrenches + on_each
 
     @cached_property
     def reactions(self) -> Reactions:
         """Supports, and fixed blocks less what their supports take."""
         fixed, (supports, others) = np.flatnonzero(self.load.fixed), self._supports
-        return together(supports, of_fixed_blocks(self.blocks, self.joints, fixed, others))
+        of_blocks = of_fixed_blocks(self.blocks, self.joints, fixed, others)
+        return of_blocks if supports is None else together(supports, of_blocks)
 
     @property
     def reaction(self) -> FloatArray:

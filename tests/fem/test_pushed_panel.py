@@ -103,8 +103,8 @@ def test_joint_forces_lie_within_the_ranges_of_rigid_blocks(squeezed: State) -> 
 def test_no_force_is_larger_than_the_rigid_limit(pressed: Pushed) -> None:
     """Associated limit analysis bounds every state with Coulomb's friction, as far as the panel is
     the one as built: blocks of 60 mm that move by 0.12 mm turn its faces by no more than 0.2 %."""
-    limit = solve(panel().with_method("rigid")).parts["push_limit"].associated
-    assert limit is not None
+    limit = solve(panel().with_method("rigid")).parts["push_limit"].associated.factor
+    assert np.isfinite(limit)
     assert pressed.result.converged
     assert pressed.curve.displacements[-1] == pytest.approx(0.12, rel=1e-12)
     assert pressed.curve.peak[0] <= 1.002 * limit

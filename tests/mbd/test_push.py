@@ -13,7 +13,7 @@ from geometry.parts.regions import Box, Plane
 from geometry.parts.supports import HeldFace
 from geometry.polyhedra.assembly import PolyhedralAssembly, as_polyhedral
 from mbd.contacts.supports import RigidSupportError
-from mbd.limits.pushes import Push, push_limit
+from mbd.limits.pushes import push_limit
 from mbd.system import RigidSystem, Stated
 
 pytestmark = pytest.mark.quick
@@ -77,5 +77,5 @@ def test_pushes_without_a_limit_are_named(bricks):
         push_limit(system(pushed(bricks), 0.3))
     with pytest.raises(RigidSupportError, match="got 2 supports that move"):
         push_limit(system(pushed(bricks, up, up), 0.3))
-    lifted = Push(0.3, push_limit(system(pushed(bricks, up, weight=-WEIGHT), 0.3)))
+    lifted = push_limit(system(pushed(bricks, up, weight=-WEIGHT), 0.3))
     assert lifted.words == "none: the dead load alone is not carried"

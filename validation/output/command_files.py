@@ -202,7 +202,8 @@ def _rigid_limit(answer: Answer) -> float | None:
         push = solve(answer.case.with_method("rigid")).parts["push_limit"]
     except InputError:
         return None
-    return push.associated  # type: ignore[attr-defined]
+    force: float | None = push.as_json().get("associated")
+    return force
 
 
 def _write_history(history: History, path: Path) -> None:
