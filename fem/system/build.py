@@ -326,16 +326,22 @@ def outer_face(assembly: Assembly, block: int) -> str:
 def support_rows(assembly: Assembly, load: LoadCase, *, rigid: bool) -> HeldRows:
     """Rows of what holds or moves blocks that deform: as stated, and the outer faces of frames.
 
-    ``rigid`` says that fixed blocks do not deform.
+    ``rigid`` says that fixed blocks do not deform: supports add nothing to them.
 
     Raises
     ------
     DeformableAssemblyError
-        As `outer_face`.
+        As `outer_face`; a support that moves a block that stays as a whole.
     ModelError
         Two supports that move one node by different lengths along one direction.
     """
-    faces = list(load.held)
+    for face in load.held if rigid else ():
+        if face.moves and load.fixed[face.block]:
+            raise DeformableAssemblyError(
+                f"support {face.title}: got a motion of block {assembly.named(face.block)}, which "
+                "is fixed as a whole; expected a block that is not, or elastic frames"
+            )
+    faces = [face for face in load.held if not (rigid and load.fixed[face.block])]
     for block in [] if rigid else np.flatnonzero(load.fixed).tolist():
         faces.append(HeldFace(block, outer_face(assembly, block)))
     of_block: dict[int, list[HeldFace]] = {}

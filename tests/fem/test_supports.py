@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -231,3 +232,16 @@ def test_a_support_may_hold_a_face_of_no_load() -> None:
     held = [{"face": "z+", "hold": ["z"]}]
     case = load_case(BOX | {"supports": held, "load": {"z+": {"pressure": 0.0}}})
     assert len(case.problem.load_case.held) == 1
+
+
+def test_a_support_of_a_fixed_block_adds_nothing_and_one_that_moves_is_rejected() -> None:
+    """Nodes of the block on it are not held in its place: it settles as without, to the bit."""
+    low = box_block(tuple(SIZE), (1, 1, 1), contact_faces=("z+",))
+    high = box_block(tuple(SIZE), (1, 1, 1), contact_faces=("z-",))
+    blocks = replace(placed(low, high), fixed=np.array([True, False]))
+    load = PressureLoad(np.array([1]), "z+", 0.1)
+    alone, beside = (solved(blocks, held, faces=[load]) for held in ((), [HeldFace(0, "x-")]))
+    assert alone.fields["displacement"].min() < 0.0
+    np.testing.assert_array_equal(beside.fields["displacement"], alone.fields["displacement"])
+    with pytest.raises(RefusedError, match=r"motion of block .*, which is fixed as a whole"):
+        solved(blocks, [HeldFace(0, "x-", displacement=0.1 * X)], faces=[load])
