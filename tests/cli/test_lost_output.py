@@ -40,6 +40,7 @@ def test_a_full_device_loses_the_table_and_no_file(tmp_path: Path) -> None:
     assert {p.name for p in (tmp_path / "o").iterdir()} == FILES
 
 
+@pytest.mark.thorough
 def test_a_reader_that_goes_away_loses_no_file_and_hears_nothing(tmp_path: Path) -> None:
     """The status of a process that a closed pipe ends is 128 + 13; 1 means a red hard case."""
     reading, writing = os.pipe()
@@ -50,6 +51,7 @@ def test_a_reader_that_goes_away_loses_no_file_and_hears_nothing(tmp_path: Path)
     assert {p.name for p in (tmp_path / "o").iterdir()} == FILES
 
 
+@pytest.mark.thorough
 def test_characters_that_the_output_lacks_are_replaced(tmp_path: Path) -> None:
     environment = os.environ | {"PYTHONIOENCODING": "ascii"}
     done = finished(*(*RIGID, "-o", str(tmp_path / "o")), env=environment, capture_output=True)

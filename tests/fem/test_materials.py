@@ -17,7 +17,6 @@ from fem import (
     Material,
     Problem,
     Static,
-    concrete,
     read_deck,
     solve_explicit,
     solve_static,
@@ -26,14 +25,12 @@ from fem.decks.deck import Flavour
 from fem.decks.problem import problem_deck
 from fem.decks.write import write_deck_file
 from fem.static.solve import static_state
-from geometry import pipe
 from geometry.block import box_block
 from geometry.families.boxes import ColumnBox, box_column
 from geometry.files.mesh_io import write_hex_mesh
 from geometry.loads import LoadCase, PressureLoad, TractionLoad
 from tests.fixtures.commands import small_meshes
 from tests.support.ccx import calculix_available, run_calculix
-from tests.support.coarse_tubes import ring
 from tests.support.commands import command
 from validation import load_case, solve
 
@@ -129,19 +126,6 @@ def test_rigid_and_deformable_blocks_weigh_by_their_own_density() -> None:
     answer = solve_static(still, Static(mesh="scene"))
     force = answer.contacts["pressure"] @ answer.contacts["area"]
     assert force == pytest.approx(weight, rel=1e-7)
-
-
-def test_a_sector_needs_the_same_materials_round_the_axis() -> None:
-    """A layer of another material keeps the symmetry, a single block breaks it: answers agree."""
-    blocks = ring(2, (12, 1, 2))
-    steel = Material(density=7.85e-9, young_modulus=210_000.0, poisson_ratio=0.3)
-    for inside, order in ((blocks.layer == 1, 4), (np.arange(blocks.n_blocks) == 5, 1)):
-        problem = Problem(blocks, pipe(0.01), [steel if b else concrete for b in inside])
-        found = solve_static(problem, Static(mesh="scene"))
-        assert found.report["symmetry"] == order
-        whole = solve_static(problem, Static(symmetry="none", mesh="scene"))
-        moved, expected = (a.fields["displacement"] for a in (found, whole))
-        assert np.abs(moved - expected).max() < 1e-6 * np.abs(expected).max()
 
 
 # ---------------------------------------------------------------------------------------------

@@ -10,16 +10,12 @@ import pytest
 
 from fem import (
     CoulombFriction,
-    Problem,
     Static,
-    concrete,
     read_deck,
     solve_static,
     write_deck,
 )
 from fem.decks.keywords import DeckError
-from fem.system.sector import largest_cyclic_orbits
-from geometry import shaft
 from geometry.errors import RefusedError
 from geometry.parts.pairs import pair_values
 from mbd import contact_jacobian
@@ -28,7 +24,6 @@ from mbd.limits.force_range import force_ranges
 from mbd.limits.plane import in_space
 from mbd.limits.sliding_collapse import sliding_collapse
 from mbd.options import FrictionLaw
-from tests.support.coarse_tubes import ring
 from tests.support.pushed_bricks import (
     EDGE,
     ROUGH,
@@ -41,16 +36,6 @@ from tests.support.pushed_bricks import (
 from validation import load_case, solve
 
 FRICTION = CoulombFriction(0.2, of_pairs=((0, 1, ROUGH), (2, 0, SMOOTH)))
-
-
-def test_a_sector_needs_the_same_friction_round_the_axis() -> None:
-    blocks = ring(2, (12, 1, 2))
-    m, s = blocks.interfaces.block_m, blocks.interfaces.block_s
-    lower = {(int(a), int(b)) for a, b in zip(m, s, strict=True) if blocks.layer[[a, b]].max() == 1}
-    for pairs, order in ((sorted(lower), 4), (sorted(lower)[:1], 1)):
-        rough = CoulombFriction(0.1, of_pairs=tuple((a, b, 0.5) for a, b in pairs))
-        stated = Problem(blocks, shaft(0.01), concrete, friction=rough).deformable
-        assert largest_cyclic_orbits(stated).order == order
 
 
 # ---------------------------------------------------------------------------------------------

@@ -9,12 +9,15 @@ import numpy as np
 import pytest
 
 from fem import (
+    CoulombFriction,
     ExponentialLaw,
     LinearPenalty,
+    Material,
     PairLaws,
     Problem,
     Static,
     TabularLaw,
+    concrete,
     read_deck,
     solve_static,
     write_deck,
@@ -23,6 +26,7 @@ from fem.contact.law import ContactLaw
 from fem.decks.keywords import DeckError
 from fem.static.solve import static_state
 from fem.system.sector import largest_cyclic_orbits
+from geometry import shaft
 from tests.support.coarse_tubes import ring
 from tests.support.pushed_bricks import EDGE, PRESSURE, SCENE, STONE, frictionless_answer, pushed
 from validation import load_case
@@ -51,17 +55,23 @@ def test_laws_of_ones_own_are_taken_by_pairs() -> None:
     assert sunk(found.displacements) == pytest.approx(expected, rel=1e-8)
 
 
-def test_a_sector_needs_the_same_laws_round_the_axis() -> None:
-    from fem import concrete
-    from geometry import shaft
-
+@pytest.mark.parametrize("what", ["law", "friction", "material"])
+def test_a_sector_needs_the_same_of_all_round_the_axis(what: str) -> None:
+    """Joints or blocks of a layer keep the symmetry, a single one breaks it."""
     blocks = ring(2, (12, 1, 2))
     m, s = blocks.interfaces.block_m, blocks.interfaces.block_s
     lower = {(int(a), int(b)) for a, b in zip(m, s, strict=True) if blocks.layer[[a, b]].max() == 1}
-    for pairs, order in ((sorted(lower), 4), (sorted(lower)[:1], 1)):
-        law = PairLaws(ExponentialLaw(), tuple((a, b, SOFT) for a, b in pairs))
-        stated = Problem(blocks, shaft(0.01), concrete, law=law).deformable
-        assert largest_cyclic_orbits(stated).order == order
+    layer = np.flatnonzero(blocks.layer == 1).tolist()
+    steel = Material(density=7.85e-9, young_modulus=210_000.0, poisson_ratio=0.3)
+    for count, order in ((None, 4), (1, 1)):
+        pairs, some = sorted(lower)[:count], layer[:count]
+        stated = {
+            "law": PairLaws(ExponentialLaw(), tuple((*pair, SOFT) for pair in pairs)),
+            "friction": CoulombFriction(0.1, of_pairs=tuple((*pair, 0.5) for pair in pairs)),
+            "material": [steel if b in some else concrete for b in range(blocks.n_blocks)],
+        }
+        problem = replace(Problem(blocks, shaft(0.01), concrete), **{what: stated[what]})
+        assert largest_cyclic_orbits(problem.deformable).order == order
 
 
 def test_decks_have_an_interaction_for_each_law(tmp_path: Path) -> None:

@@ -81,6 +81,7 @@ def test_a_change_of_any_source_changes_the_folder_and_the_answer(package: Path)
     assert after != before
 
 
+@pytest.mark.thorough
 def test_processes_that_start_together_all_answer(package: Path) -> None:
     """Each compiles for another type, and adds its code to the same index."""
     answers = {"1.0": ["6.0", "6.0"], "1j": ["6j", "6j"]}
@@ -112,6 +113,7 @@ def test_an_index_that_two_processes_write_leads_to_no_code_of_another_form(tmp_
     assert loaded[1].signature == forms[1].signature
 
 
+@pytest.mark.thorough
 def test_where_nothing_can_be_written_every_run_compiles_and_says_so(package: Path) -> None:
     """A file in the place of a folder: no one can write there, a superuser neither."""
     (package / "kept").write_text("")
@@ -217,6 +219,7 @@ for name in sys.argv[1:]:
 """
 
 
+@pytest.mark.thorough
 def test_code_of_two_processes_is_not_mixed(tmp_path: Path) -> None:
     """Closures of one factory differ in nothing but a number that each process counted anew.
 

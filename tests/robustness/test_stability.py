@@ -32,7 +32,7 @@ QUICK = [
     "zero-load-rigid",
     "zero-load-static",
 ]
-#: Those of which `make test` has one of the kind: a kill in `tests/study`, and energy over 300 000
+#: Those of which `make test` has one of the kind: a kill in `tests/study`, and energy over 100 000
 #: steps in `tests/fem/test_central_difference.py`.
 THOROUGH = ("killed", "steps-1e6")
 #: Cases whose honest answer is a refusal; all others are green.
