@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import time
 from collections.abc import Callable
 from dataclasses import replace
@@ -10,12 +9,11 @@ from pathlib import Path
 
 from fem.answer.answer import answer_of
 from fem.explicit.output.checkpoint import OtherProblemError
-from fem.explicit.setup.timed_system import check_timed, counting_more, state_of, timed_system
+from fem.explicit.setup.timed_system import check_timed, counting_more, timed_system
 from fem.explicit.solve import (
     Frame,
     Output,
     Progress,
-    StopCriterion,
     UnstableRun,
     run_explicit,
 )
@@ -31,6 +29,8 @@ from geometry.machine.work import budget, clock, require_memory
 
 #: Frames are parts of this part of the longest run, where it may end early and has no ramp.
 _FINE = 200.0
+#: A limit of which nothing is left [s].
+_NOTHING = 1e-9
 #: Bytes of a node: its rows of the stiffness of a shape, as assembled and as the loop has it; and
 #: what evolves, of each copy.
 _CONSTANT, _STATE = 2.0 * 27 * 80, 8.0 * 24
@@ -104,7 +104,7 @@ def solve_explicit(
         watch.lap("solve")
         run = state.run
         assert run is not None
-        seconds = {**watch.seconds(), "loop": run.cpu_seconds}
+        seconds = {**watch.seconds(), "loop": run.cost.cpu_seconds}
     parts, beside = {"work": spent}, {"cpu_seconds": seconds}
     return answer_of(state, {}, problem=problem, parts=parts, beside=beside)
 
@@ -172,35 +172,12 @@ def explicit_state(
     with budget(memory=method.max_memory) as spent:
         ends, stated, restarts = clock(method.max_seconds), stated_run(problem, method), 0
         _refuse_memory(stated)
-        most = math.inf if method.max_work is None else method.max_work
-        to_rest = method.damped(moves=problem.motion is not None) == "static"
-        # A run that is not damped to the static state watches the residual and goes on.
-        stop = StopCriterion(method.residual if to_rest else 0.0, stated.settled_after)
-        watched = to_rest or stated.recommended is not None
-        if output is not None and method.frames > 0:
-            spread = stated.end_time
-            if to_rest:  # which may end any time after the ramp: all frames lie in it
-                spread = min(stated.ramp_time or stated.end_time / _FINE, stated.end_time)
-            output = replace(output, frame_interval=spread / max(method.frames - 1, 1))
-        elif output is not None:
-            output = replace(output, on_frame=None)
+        if output is not None:
+            output = _spread(output, stated, method)
         while True:
+            left = _left(method, spent.seconds, ends)
             try:
-                result = run_explicit(
-                    stated,
-                    end_time=stated.end_time,
-                    time_step=method.time_step,
-                    safety_factor=method.safety_factor,
-                    threads=method.threads,
-                    sample_interval=method.sample_interval,
-                    velocities=stated.velocities,
-                    stop=replace(stop, not_before=stated.settled_after) if watched else None,
-                    max_work=most - spent.seconds,
-                    max_seconds=ends - time.process_time(),
-                    output=None if output is None else _of_all_blocks(output, stated, restarts),
-                    resume=resume,
-                )
-                break
+                return run_explicit(stated, left, output, resume=resume, restarts=restarts)
             except (UnstableRun, OtherProblemError) as error:
                 # A checkpoint may be that of a run that had started again.
                 shorter = None if method.time_step is not None else counting_more(stated)
@@ -209,7 +186,28 @@ def explicit_state(
                 if isinstance(error, UnstableRun):
                     resume, restarts = None, restarts + 1
                 stated = shorter
-    return state_of(replace(result, restarts=restarts, static_below=method.residual))
+
+
+def _spread(output: Output, stated: TimedSystem, method: Explicit) -> Output:
+    """Output whose frames are spread over the run."""
+    if method.frames == 0:
+        return replace(output, on_frame=None)
+    times = stated.times
+    spread = times.end
+    if stated.effects.adaptive_mass_damping is not None:
+        # It may end any time after the ramp: all frames lie in it.
+        spread = min(times.ramp or times.end / _FINE, times.end)
+    return replace(output, frame_interval=spread / max(method.frames - 1, 1))
+
+
+def _left(method: Explicit, worked: float, ends: float) -> Explicit:
+    """Method with what is left of its limits after some work [s]."""
+    work, seconds = method.max_work, method.max_seconds
+    return replace(
+        method,
+        max_work=None if work is None else max(work - worked, _NOTHING),
+        max_seconds=None if seconds is None else max(ends - time.process_time(), _NOTHING),
+    )
 
 
 def _refuse_memory(stated: TimedSystem) -> None:
@@ -219,25 +217,4 @@ def _refuse_memory(stated: TimedSystem) -> None:
         f"{stated.system.n_nodes} nodes of {stated.system.assembly.n_blocks} blocks",
         need,
         "fewer elements or fewer blocks",
-    )
-
-
-def _of_all_blocks(output: Output, whole: TimedSystem, restarts: int) -> Output:
-    """Callbacks that are told of all blocks where one of so many sectors is computed."""
-    on_frame, progress = output.on_frame, output.progress
-
-    def frame(found: Frame) -> None:
-        assert on_frame is not None
-        moved = whole.expand(found.displacements)
-        groups = whole.system.bodies
-        on_frame(replace(found, groups=groups, displacements=moved, restart=restarts))
-
-    def tell(found: Progress) -> None:
-        assert progress is not None
-        progress(replace(found, energies=found.energies.times(whole.system.orbits.copies)))
-
-    return replace(
-        output,
-        on_frame=None if on_frame is None else frame,
-        progress=None if progress is None else tell,
     )

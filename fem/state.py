@@ -71,6 +71,8 @@ class State(ReadOnlyArrays):
     """What was solved, on the points of contact of this state."""
     displacement: FloatArray
     """(n_nodes, 3) [mm]"""
+    velocity: FloatArray | None = None
+    """Of an explicit run half a step before its end, (n_nodes, 3) [mm/s]."""
     friction: FloatArray | None = None
     """On block s at the points of the system, world axes, (n_facets, n_points, 3) [MPa]; None
     without friction."""
@@ -128,6 +130,11 @@ class State(ReadOnlyArrays):
     def displacements(self) -> tuple[FloatArray, ...]:
         """Of each group of congruent blocks, (n_copies, n_nodes_of_a_block, 3) [mm]."""
         return tuple(self.system.expand(self.displacement))
+
+    @property
+    def velocities(self) -> tuple[FloatArray, ...]:
+        """Of each group, alike [mm/s]; () of a static state."""
+        return () if self.velocity is None else tuple(self.system.expand(self.velocity))
 
     @cached_property
     def nodal_displacements(self) -> FloatArray:

@@ -318,9 +318,9 @@ def _explicit_report(state: State) -> dict[str, Any]:
         "newton_iterations": None,
         "energies": energies_of(state),
         "energy_balance": run.energy_balance,
-        "element_updates_per_cpu_second": run.element_updates_per_cpu_second,
-        "bytes_per_node": run.n_bytes / stated.system.n_nodes,
-        "cpu_seconds": {"loop": run.cpu_seconds},
+        "element_updates_per_cpu_second": run.cost.element_updates_per_cpu_second,
+        "bytes_per_node": run.cost.n_bytes / stated.system.n_nodes,
+        "cpu_seconds": {"loop": run.cost.cpu_seconds},
     }
     return data | _quasi_static_report(state)
 
@@ -328,7 +328,7 @@ def _explicit_report(state: State) -> dict[str, Any]:
 def _quasi_static_report(state: State) -> dict[str, Any]:
     """How static the end is, where a static state is expected."""
     run, report = state.run, quasi_static(state)
-    if run is None or run.stated.recommended is None or report is None:
+    if run is None or run.stated.times.recommended is None or report is None:
         return {}
     meets = state.deformable.meets
     return {
@@ -336,6 +336,6 @@ def _quasi_static_report(state: State) -> dict[str, Any]:
         "counted_pressure": run.stated.counted_pressure,
         "released_at_start": released_at_start(state),
         "quasi_static": asdict(report),
-        "recommended": asdict(run.stated.recommended),
+        "recommended": asdict(run.stated.times.recommended),
         "restarts": run.restarts,
     }

@@ -83,7 +83,7 @@ def unrestrained_blocks(state: State) -> IntArray:
     if state.run is None:
         return state.evidence.loose_blocks
     stated = state.run.stated
-    if stated.recommended is None or contact.friction is not None or contact.finite_sliding:
+    if stated.times.recommended is None or contact.friction is not None or contact.finite_sliding:
         return np.zeros(0, dtype=np.int64)
     everyone = np.arange(state.deformable.assembly.n_blocks)
     where = state.deformable, state.displacements
@@ -94,7 +94,7 @@ def reached(state: State) -> bool:
     """Whether supports that move have arrived where they are prescribed."""
     if state.run is None:
         return state.evidence.stopped is None
-    arrival = state.run.stated.settled_after if state.deformable.supports.tables else 0.0
+    arrival = state.run.stated.times.settled if state.deformable.supports.tables else 0.0
     return state.run.time >= (1.0 - _ROUND_OFF) * arrival
 
 
@@ -106,4 +106,4 @@ def quasi_static(state: State) -> QuasiStaticReport | None:
     # Loaded here: it brings the compiler along, which static runs do without.
     from fem.explicit.setup.quasi_static import quasi_static_report
 
-    return quasi_static_report(state.run)
+    return quasi_static_report(state)

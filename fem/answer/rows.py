@@ -186,10 +186,10 @@ def _run_rows(state: State, run: Run) -> list[Row]:
             " the run restarted with a shorter one; set contact.maximum_stiffness or fem.time_step"
         )
         rows.append(Row("restarts", words))
-    if at_rest is not None and stated.recommended is not None:
+    if at_rest is not None and stated.times.recommended is not None:
         loading = (
             f"{1e3 * at_rest.ramp_time:.4g} ms, {1e3 * at_rest.hold_time:.4g} ms "
-            f"(lowest excited frequency {stated.recommended.frequency:.3g} Hz)"
+            f"(lowest excited frequency {stated.times.recommended.frequency:.3g} Hz)"
         )
         ratio = at_rest.kinetic_over_internal_energy
         moving = f"{at_rest.velocity_norm:.3g} mm/s, {100 * at_rest.settling:.2g} %"
@@ -221,7 +221,7 @@ def _run_rows(state: State, run: Run) -> list[Row]:
 
 def _rate_rows(run: Run) -> list[Row]:
     """How fast an explicit run was."""
-    rate = run.element_updates_per_cpu_second
+    rate = run.cost.element_updates_per_cpu_second
     return [Row("element updates", f"{rate / 1e6:.3g} million per CPU second", rate, "1/s")]
 
 

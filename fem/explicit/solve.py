@@ -4,15 +4,13 @@ from __future__ import annotations
 
 import math
 import time as clock
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from enum import StrEnum
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from fem.contact.search import SearchedPoints
 from fem.explicit.body import world_vectors
 from fem.explicit.damping import (
     adapt,
@@ -36,13 +34,16 @@ from fem.explicit.output.energy import Energies, History, copy_energies, energie
 from fem.explicit.start import prepare
 from fem.explicit.step import Loop, damped_internal_force, step
 from fem.explicit.timed import TimedSystem
+from fem.method import Explicit
+from fem.state import State
 from fem.system.body import Body
-from fem.system.effects import LEAST_FACTOR, SAFETY_FACTOR
-from fem.system.reactions import MovingSupport, PushCurve, moving_supports
+from fem.system.effects import LEAST_FACTOR
+from fem.system.reactions import PushCurve
 from fem.system.time_step import CriticalTimeStep, TimeStepError
 from geometry.compilation.clocks import compiling
 from geometry.errors import RefusedError
 from geometry.machine.work import Budget, Operation, budget, count
+from geometry.machine.work import clock as cpu_clock
 from geometry.mesh import FloatArray
 
 #: A block that holds this many times the energy put into the whole model runs away.
@@ -50,8 +51,6 @@ RUNAWAY = 100.0
 
 #: Share of the energy turned over by which a run may gain or lose some, and still be an answer.
 LARGEST_IMBALANCE = 0.02
-#: Relative force residual at which a run to the static state stops [-].
-RESIDUAL = 1.0e-4
 #: Round-off of positions in units of their last digit, after sums over nodes and turned frames.
 _ROUND_OFF = 100.0
 
@@ -61,6 +60,13 @@ _STILL_SAMPLES = 40
 #: A residual that stands below so many times the estimate of round-off is round-off: resting runs
 #: have 0.2 to 3 times the estimate.
 _ROUND_OFF_FACTOR = 4.0
+
+#: Way still to go over the way gone (`fem.explicit.damping.settling`) of a run that has arrived: in
+#: a soft assembly small forces still move much.
+_SETTLED = 1e-3
+
+
+_DEFAULT = Explicit()
 
 
 class UnstableRun(RefusedError):  # noqa: N818
@@ -105,7 +111,7 @@ class Frame:
     time: float
     """[s]"""
     groups: tuple[Body, ...]
-    """Congruent blocks with their mesh."""
+    """Congruent blocks with their mesh, all copies."""
     displacements: tuple[FloatArray, ...]
     """Of each group, (n_copies, n_nodes, 3) [mm]."""
     last: bool = False
@@ -133,53 +139,82 @@ class Status(StrEnum):
 CUT_SHORT = (Status.INTERRUPTED, Status.STOPPED)
 
 
+@dataclass
+class Rest:
+    """Whether a run comes to rest, at its samples."""
+
+    below: float
+    """Relative force residual of a static state, see `fem.explicit.damping.residual`."""
+    stops: bool
+    """Whether the run ends there."""
+    settling: float | None = None
+    """Last estimate of the way still to go over the way gone, where mass damping adapts."""
+    round_off: float | None = None
+    """Residual that round-off leaves, estimated where the run stalled at it."""
+    least: float = math.inf
+    """Smallest residual so far."""
+    still: int = 0
+    """Samples since then."""
+
+    def judge(self, loop: Loop, found: float, *, loaded: bool) -> Status:
+        """Whether the run may end with a residual, once loads and supports have arrived."""
+        self.settling = settling(loop)
+        if not (self.stops and loaded):
+            return Status.FINISHED
+        if found <= self.below and (self.settling is None or self.settling <= _SETTLED):
+            return Status.CONVERGED
+        return Status.STALLED if self._stalls(loop, found) else Status.FINISHED
+
+    def _stalls(self, loop: Loop, found: float) -> bool:
+        """Whether the residual has stopped falling at what round-off leaves of it."""
+        self.still = self.still + 1 if found > self.least else 0
+        self.least = min(found, self.least)
+        if self.still < _STILL_SAMPLES or self.least <= self.below:
+            return False
+        self.still, estimate = 0, round_off(loop)
+        self.round_off = estimate if self.least <= _ROUND_OFF_FACTOR * estimate else None
+        return self.round_off is not None
+
+
+@dataclass(frozen=True)
+class Cost:
+    """What a run took in this process."""
+
+    cpu_seconds: float
+    """CPU time of the loop, compilation left out."""
+    compile_seconds: float
+    """CPU time in which loops were compiled on the way; zero where all were kept."""
+    element_updates: int
+    """Elements times steps done."""
+    n_bytes: int
+    """Memory of the arrays that evolve, and of stiffness, mass and connectivity of the loop."""
+
+    @property
+    def element_updates_per_cpu_second(self) -> float:
+        """Whole-step rate."""
+        return self.element_updates / max(self.cpu_seconds, 1e-12)
+
+
 @dataclass(frozen=True)
 class Run:
-    """How a run went and what it left in the blocks that are computed, in world axes.
-
-    `fem.explicit.setup.timed_system` makes the `fem.state.State` of the whole assembly of it.
-    """
+    """How a run went; `fem.state.State` has the arrays of its end."""
 
     stated: TimedSystem
     """What was computed."""
     status: Status
     """How the run ended."""
-    displacements: tuple[FloatArray, ...]
-    """Of each group, (n_copies, n_nodes, 3) [mm], at `time`."""
-    velocities: tuple[FloatArray, ...]
-    """Half a step before `time` [mm/s]."""
     n_steps: int
     """Steps done since time 0."""
     time_step: float
     """[s]"""
     history: History
-    """Energies, balance and relative force residual of all samples."""
-    settling: float | None
-    """Last estimate of the way still to go over the way gone; None where not watched."""
-    round_off: float | None
-    """Residual that round-off leaves, estimated where the run stalled at it; else None."""
-    cpu_seconds: float
-    """CPU time of the loop in this process, compilation left out."""
-    element_updates: int
-    """Elements times steps done in this process."""
-    n_bytes: int
-    """Memory of the arrays that evolve, and of stiffness, mass and connectivity of the loop."""
-    support_forces: tuple[FloatArray, ...] = ()
-    """Of the supports on the nodes of each group at `time`, (n_copies, n_nodes, 3) [N]; () where
-    nothing is held."""
-    contact_forces: tuple[FloatArray, ...] = ()
-    """What contact has to do to the nodes at `time`, alike [N]: inertia, damping and internal
-    forces, less loads, weight and supports."""
-    searched: SearchedPoints | None = None
-    """Points of contact at `time`, of the blocks that are computed; None: matched facets."""
-    friction: FloatArray | None = None
-    """On block s at all points, world axes, (n_facets, n_points, 3) [MPa]; None without."""
-    compile_seconds: float = 0.0
-    """CPU time in which loops were compiled on the way; zero where all were kept."""
+    """Energies, balance and relative force residual of all samples, of the whole assembly."""
+    rest: Rest | None
+    """How near it came to rest; None where not watched."""
+    cost: Cost
+    """Times and memory."""
     restarts: int = 0
     """How often it began again because contact outgrew its time step."""
-    static_below: float = RESIDUAL
-    """Residual below which its end counts as static [-]."""
 
     @property
     def time(self) -> float:
@@ -209,7 +244,7 @@ class Run:
         times, *forces = zip(*self.history.pushes, strict=True)
         return tuple(
             support.curve(dict(zip(times, of, strict=True)))
-            for support, of in zip(moving_supports(self.stated.system), forces, strict=True)
+            for support, of in zip(self.stated.moving, forces, strict=True)
         )
 
     @property
@@ -217,33 +252,21 @@ class Run:
         """Largest error of the balance over all samples, relative to the energy turned over."""
         return float(np.abs(self.history.column("energy_balance")).max(initial=0.0))
 
-    @property
-    def element_updates_per_cpu_second(self) -> float:
-        """Whole-step rate of this process."""
-        return self.element_updates / max(self.cpu_seconds, 1e-12)
 
-
-def choose_time_step(
-    critical: CriticalTimeStep, time_step: float | None, safety_factor: float
-) -> float:
+def choose_time_step(critical: CriticalTimeStep, method: Explicit) -> float:
     """Time step of a run."""
+    time_step, longest = method.time_step, critical.critical_time_step
     if time_step is None:
-        if not LEAST_FACTOR <= safety_factor <= 1.0:
-            raise TimeStepError(
-                f"safety_factor: got {safety_factor}, expected a number from {LEAST_FACTOR:g} to 1"
-            )
-        return safety_factor * critical.critical_time_step
-    if not (math.isfinite(time_step) and time_step > 0.0):
-        raise TimeStepError(f"time_step: got {time_step} s, expected a finite positive number")
-    if time_step > critical.critical_time_step:
+        return method.safety_factor * longest
+    if time_step > longest:
         raise TimeStepError(
             f"time_step: got {time_step:.4g} s, expected at most the critical time step "
-            f"{critical.critical_time_step:.4g} s of {critical.group}"
+            f"{longest:.4g} s of {critical.group}"
         )
-    if time_step < LEAST_FACTOR * critical.critical_time_step:
+    if time_step < LEAST_FACTOR * longest:
         raise TimeStepError(
             f"time_step: got {time_step:.4g} s, expected at least {LEAST_FACTOR:g} of the critical "
-            f"time step, {critical.critical_time_step:.4g} s of {critical.group}"
+            f"time step, {longest:.4g} s of {critical.group}"
         )
     return time_step
 
@@ -264,65 +287,32 @@ class Output:
     """Wall time between two checkpoints [s]."""
 
 
-@dataclass(frozen=True)
-class StopCriterion:
-    """When a quasi-static run has arrived."""
-
-    residual: float
-    """Relative force residual, see `fem.explicit.damping.residual`."""
-    not_before: float = 0.0
-    """End of the loading [s]."""
-    settling: float = 1e-3
-    """Bound on `fem.explicit.damping.settling`, the way still to go over the way gone, where the
-    run adapts its mass damping: in a soft assembly small forces still move much."""
-
-
 def run_explicit(
     stated: TimedSystem,
-    *,
-    end_time: float,
-    time_step: float | None = None,
-    safety_factor: float = SAFETY_FACTOR,
-    threads: int = 1,
-    sample_interval: int = 50,
-    displacements: Sequence[FloatArray] | None = None,
-    velocities: Sequence[FloatArray] | None = None,
-    stop: StopCriterion | None = None,
-    max_work: float = math.inf,
-    max_seconds: float = math.inf,
+    method: Explicit = _DEFAULT,
     output: Output | None = None,
+    *,
     resume: Path | None = None,
-) -> Run:
-    """Run explicit dynamics from time 0, or from a checkpoint, to ``end_time``.
+    restarts: int = 0,
+) -> State:
+    """Run explicit dynamics from time 0, or from a checkpoint, to the end that is stated.
 
     Ctrl-C and SIGTERM stop the run after the step at hand, write the checkpoint if there is one
-    and return with `Status.INTERRUPTED`.
+    and return with `Status.INTERRUPTED`; limits of work or CPU time do so after the next sample,
+    with `Status.STOPPED`.
 
     Parameters
     ----------
     stated
         What is computed.
-    end_time
-        [s]
-    time_step
-        [s]; None: ``safety_factor`` times the critical time step.
-    safety_factor
-        In (0, 1].
-    threads
-        Threads of the loops; the bits of the result do not depend on it.
-    sample_interval
-        Steps between two samples of the energies, which also watch over stability.
-    displacements, velocities
-        Initial state, world axes, one (n_copies, n_nodes, 3) for each group.
-    stop
-        Stop early at the static state.
-    max_work, max_seconds
-        Work of the loop (`geometry.machine.work`) [reference s], and its CPU time [s]: after the
-        next sample it ends as by Ctrl-C, with `Status.STOPPED`.
+    method
+        Time step, threads, samples, residual and limits; all else of it is stated.
     output
-        Callbacks and checkpoint.
+        Callbacks, of all blocks, and checkpoint.
     resume
         Checkpoint to continue from; the same problem must be stated.
+    restarts
+        How often it began before.
 
     Raises
     ------
@@ -332,77 +322,46 @@ def run_explicit(
         The solution grew without bound, or its energies do not balance; nothing not finite is
         passed to a callback.
     """
-    if not (math.isfinite(end_time) and end_time > 0.0):
-        raise TimeStepError(f"end_time: got {end_time} s, expected a finite positive number")
-    if sample_interval < 1:
-        raise TimeStepError(f"sample_interval: got {sample_interval}, expected at least 1")
-    dt = choose_time_step(stated.critical, time_step, safety_factor)
-    loop = prepare(
-        stated, time_step=dt, threads=threads, displacements=displacements, velocities=velocities
-    )
+    dt = choose_time_step(stated.critical, method)
+    loop = prepare(stated, time_step=dt, threads=method.threads)
     history = History() if resume is None else read_checkpoint(resume, loop)
-    run = _Course(
-        loop=loop,
-        history=history,
-        output=output or Output(),
-        stop=stop,
-        end_time=end_time,
-        n_steps=math.ceil(end_time / dt * (1.0 - 1e-12)),
-        sample_interval=sample_interval,
-        max_work=max_work,
-        ends=clock.process_time() + max_seconds,
-        moving=moving_supports(stated.system),
-    )
-    first = run.counted = loop.step
-    started = clock.process_time()
-    with stop_requests() as request, compiling() as compiled, budget() as run.spent:
-        status = run.steps(request)
-    result = Run(
-        stated=stated,
-        status=status,
-        time_step=loop.time_step,
-        history=history,
-        settling=run.settling,
-        round_off=run.round_off if status is Status.STALLED else None,
+    to_rest = stated.effects.adaptive_mass_damping is not None
+    # A run that is not damped to the static state watches the residual and goes on.
+    watched = to_rest or stated.times.recommended is not None
+    rest = Rest(method.residual, to_rest) if watched else None
+    first, started = loop.step, clock.process_time()
+    with stop_requests() as request, compiling() as compiled, budget() as spent:
+        course = _Course(loop, method, output or Output(), history, rest, spent, restarts)
+        status = course.steps(request)
+    cost = Cost(
         cpu_seconds=clock.process_time() - started - compiled.cpu_seconds,
         compile_seconds=compiled.cpu_seconds,
         element_updates=stated.n_elements * (loop.step - first),
         n_bytes=bytes_of(loop),
-        displacements=displacements_of(loop),
-        velocities=tuple(world_vectors(body, body.now.velocity) for body in loop.bodies),
-        n_steps=loop.step,
-        **_forces_at_end(loop),
     )
-    _refuse_imbalance(result)
-    return result
+    run = Run(stated, status, loop.step, loop.time_step, history, rest, cost, restarts)
+    _refuse_imbalance(run, displacements_of(loop))
+    whole = replace(run, history=history.times(stated.system.orbits.copies))
+    return _state_at_end(loop, whole)
 
 
 @dataclass
 class _Course:
-    """What is around the steps: samples, watchdog, frames, checkpoints."""
+    """What is around the steps: samples, watchdog, frames, checkpoints, limits."""
 
     loop: Loop
-    history: History
+    method: Explicit
     output: Output
-    stop: StopCriterion | None
-    end_time: float
-    n_steps: int
-    sample_interval: int
-    max_work: float = math.inf
-    """Limit of the work of this process [reference s]."""
-    ends: float = math.inf
-    """Limit of the CPU time of this process [s]."""
-    spent: Budget = field(default_factory=Budget)
+    history: History
+    rest: Rest | None
+    spent: Budget
     """Work of this process."""
-    counted: int = 0
-    """Steps whose work was counted."""
-    settling: float | None = None
-    round_off: float | None = None
-    still: int = 0
-    least_residual: float = math.inf
-    moving: tuple[MovingSupport, ...] = ()
-    """Supports that move."""
-    last_checkpoint: float = field(default_factory=clock.monotonic)
+    restarts: int
+
+    def __post_init__(self) -> None:
+        self.n_steps = math.ceil(self.loop.stated.times.end / self.loop.time_step * (1.0 - 1e-12))
+        self.ends = cpu_clock(self.method.max_seconds)
+        self.counted, self.last_checkpoint = self.loop.step, clock.monotonic()
 
     def steps(self, request: StopRequest) -> Status:
         loop = self.loop
@@ -429,16 +388,17 @@ class _Course:
         steps, self.counted = self.loop.step - self.counted, self.loop.step
         count(Operation.STEP, float(steps * self.loop.stated.n_elements))
         count(Operation.TOUCH, steps * sum(i.touched_points() for i in self.loop.interactions))
-        late = clock.process_time() >= self.ends
-        if self.loop.step == self.n_steps or not (late or self.spent.seconds >= self.max_work):
+        most, late = self.method.max_work, clock.process_time() >= self.ends
+        worked = most is not None and self.spent.seconds >= most
+        if self.loop.step == self.n_steps or not (late or worked):
             return False
-        self.spent.mark("work" if self.spent.seconds >= self.max_work else "clock")
+        self.spent.mark("work" if worked else "clock")
         return True
 
     def sample_due(self) -> bool:
         """Whether the coming step is sampled: regularly, at the end, and before each frame."""
         number = self.loop.step
-        regular = number % self.sample_interval == 0 or number == self.n_steps - 1
+        regular = number % self.method.sample_interval == 0 or number == self.n_steps - 1
         return regular or self.frame_due(number + 1)
 
     def sample(self) -> Status:
@@ -447,38 +407,22 @@ class _Course:
         number = loop.step - 1
         time = number * loop.time_step
         now = energies(loop)
-        if self.moving:
-            forces = loop.stated.expand(forces_of_supports(loop, time))
-            self.history.pushes.append((time, *(each.force(forces) for each in self.moving)))
+        stated, copies = loop.stated, loop.stated.system.orbits.copies
+        if stated.moving:
+            forces = stated.expand(forces_of_supports(loop, time))
+            self.history.pushes.append((time, *(each.force(forces) for each in stated.moving)))
         self.history.observe(now)
         watch(loop, self.history)
-        shown = math.nan
-        if self.stop is not None:
-            shown, self.settling = residual(loop).relative, settling(loop)
+        shown, status = math.nan, Status.FINISHED
+        if self.rest is not None:
+            shown = residual(loop).relative
+            status = self.rest.judge(loop, shown, loaded=time >= stated.times.settled)
         self.history.append(time, number, now, loop.mass_damping or 0.0, shown)
         if self.output.progress is not None:
-            reported = Progress(
-                time, self.end_time, number + 1, self.n_steps, now, self.history.residual
-            )
-            self.output.progress(reported)
-        if self.stop is None or time < self.stop.not_before:
-            return Status.FINISHED
-        settled = self.settling is None or self.settling <= self.stop.settling
-        if shown <= self.stop.residual and settled:
-            return Status.CONVERGED
-        return Status.STALLED if self.stalled(shown, self.stop.residual) else Status.FINISHED
-
-    def stalled(self, residual: float, bound: float) -> bool:
-        """Whether the residual has stopped falling at what round-off leaves of it."""
-        if not bound:
-            return False
-        self.still = self.still + 1 if residual > self.least_residual else 0
-        self.least_residual = min(residual, self.least_residual)
-        if self.still < _STILL_SAMPLES or self.least_residual <= bound:
-            return False
-        self.still = 0
-        self.round_off = round_off(self.loop)
-        return self.least_residual <= _ROUND_OFF_FACTOR * self.round_off
+            left = stated.times.end, number + 1, self.n_steps
+            told = Progress(time, *left, now.times(copies), self.history.residual)
+            self.output.progress(told)
+        return status
 
     def frame_number(self, number: int) -> int:
         """Number of the frame interval that the time of step ``number`` lies in."""
@@ -498,11 +442,12 @@ class _Course:
         ended = ended or loop.step == self.n_steps
         if self.output.on_frame is None or not (ended or self.frame_due(loop.step)):
             return
-        fields = displacements_of(loop)
+        stated = loop.stated
+        moved = stated.expand(displacements_of(loop))
         # The end comes after all that were due before, where it lies between two of them.
         number = self.frame_number(loop.step - 1) + 1 if ended else self.frame_number(loop.step)
-        groups = loop.stated.bodies
-        self.output.on_frame(Frame(number, loop.time, groups, fields, last=ended))
+        groups, again = stated.system.bodies, self.restarts
+        self.output.on_frame(Frame(number, loop.time, groups, moved, last=ended, restart=again))
 
     def checkpoint(self, *, force: bool) -> None:
         """Write the checkpoint when it is time."""
@@ -520,12 +465,12 @@ def displacements_of(loop: Loop) -> tuple[FloatArray, ...]:
     return tuple(world_vectors(body, body.now.displacement) for body in loop.bodies)
 
 
-def _refuse_imbalance(result: Run) -> None:
+def _refuse_imbalance(result: Run, displacements: tuple[FloatArray, ...]) -> None:
     """Reject the end of a run that made energy out of nothing, or lost some."""
     balance = result.energy_balance
     if result.status in CUT_SHORT or balance <= LARGEST_IMBALANCE:
         return
-    if result.history.turnover > _round_off_energy(result):
+    if result.history.turnover > _round_off_energy(result.stated.bodies, displacements):
         raise UnstableRun(
             f"unstable: energies, damping and friction differ from the external work by "
             f"{100.0 * balance:.3g} % of the energy turned over, at most "
@@ -534,10 +479,10 @@ def _refuse_imbalance(result: Run) -> None:
         )
 
 
-def _round_off_energy(result: Run) -> float:
+def _round_off_energy(groups: tuple[Body, ...], displacements: tuple[FloatArray, ...]) -> float:
     """Strain energy of the round-off of all positions [N mm]: what turns over less is no energy."""
     total = 0.0
-    for group, moved in zip(result.stated.bodies, result.displacements, strict=True):
+    for group, moved in zip(groups, displacements, strict=True):
         reach = np.abs(group.reference_positions()).max() + np.abs(moved).max(initial=0.0)
         error = _ROUND_OFF * np.finfo(np.float64).eps * reach
         stiffest = float(np.abs(group.stiffness.diagonal()).max())
@@ -545,14 +490,17 @@ def _round_off_energy(result: Run) -> float:
     return total
 
 
-def _forces_at_end(loop: Loop) -> dict[str, Any]:
-    """Forces of the displacements that a loop has, from the step that they begin."""
-    time, before = loop.time, [body.now.velocity.copy() for body in loop.bodies]
-    moved = loop.stated.in_system(displacements_of(loop))
+def _state_at_end(loop: Loop, run: Run) -> State:
+    """State of the displacements that a loop has, with the forces of the step that they begin."""
+    stated, system, time = loop.stated, loop.stated.system, loop.time
+    before = [body.now.velocity.copy() for body in loop.bodies]
+    velocity = stated.of_system(tuple(map(world_vectors, loop.bodies, before)))
+    displacements = displacements_of(loop)
+    moved = stated.in_system(displacements)
     step(loop)
     contact, supports = [], []
-    for body, velocity in zip(loop.bodies, before, strict=True):
-        change, mean = body.now.velocity - velocity, 0.5 * (body.now.velocity + velocity)
+    for body, earlier in zip(loop.bodies, before, strict=True):
+        change, mean = body.now.velocity - earlier, 0.5 * (body.now.velocity + earlier)
         inertia = change / loop.time_step + (loop.mass_damping or 0.0) * mean
         inner = body.mass[:, None, None] * inertia
         inner += damped_internal_force(loop, body)
@@ -562,12 +510,17 @@ def _forces_at_end(loop: Loop) -> dict[str, Any]:
         supports.append(world_vectors(body, held))
         contact.append(world_vectors(body, inner - load_forces(body, time) - held))
     searched, friction = loop.interactions[0].contact(moved) if loop.interactions else (None, None)
-    return {
-        "support_forces": tuple(supports) if len(loop.stated.system.supports.block) else (),
-        "contact_forces": tuple(contact),
-        "searched": searched,
-        "friction": friction,
-    }
+    held_nodes = len(system.supports.block) > 0
+    return State(
+        system=system if searched is None else system.on(searched),
+        displacement=stated.of_system(displacements),
+        velocity=velocity,
+        friction=friction,
+        support_force=stated.of_system(tuple(supports)) if held_nodes else None,
+        contact_force=stated.of_system(tuple(contact)),
+        time=time,
+        run=run,
+    )
 
 
 def watch(loop: Loop, history: History) -> None:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numba
 import numpy as np
 
@@ -34,35 +32,15 @@ from fem.explicit.step import (
 )
 from fem.explicit.timed import TimedSystem
 from fem.system.effects import Effects
-from fem.system.time_step import TimeStepError
 from geometry.mesh import FloatArray
 
 
-def prepare(
-    stated: TimedSystem,
-    *,
-    time_step: float,
-    threads: int = 1,
-    displacements: Sequence[FloatArray] | None = None,
-    velocities: Sequence[FloatArray] | None = None,
-) -> Loop:
-    """Make a timed system ready for the loop, at time 0.
+def prepare(stated: TimedSystem, *, time_step: float, threads: int = 1) -> Loop:
+    """Make a timed system ready for the loop, at time 0, with a time step [s].
 
-    Velocities are those half a step earlier, v_{-½} = v_0 - ½ Δt a_0.
-
-    Parameters
-    ----------
-    stated
-        What is computed.
-    time_step
-        [s]
-    threads
-        With one thread the serial loops run, with more those of shared rows.
-    displacements, velocities
-        One array for each group, world axes, (n_copies, n_nodes, 3); None: at rest.
+    Velocities are those half a step earlier, v_{-½} = v_0 - ½ Δt a_0. With one thread the serial
+    loops run, with more those of shared rows.
     """
-    if threads < 1:
-        raise TimeStepError(f"threads: got {threads}, expected at least 1")
     if threads > 1:
         numba.set_num_threads(min(threads, numba.config.NUMBA_NUM_THREADS))
     n, effects, system = len(stated.bodies), stated.effects, stated.system
@@ -90,8 +68,8 @@ def prepare(
         interactions=tuple(interactions),
         mass_damping=0.0 if effects.adaptive_mass_damping is not None else effects.mass_damping,
     )
-    moved = [None] * n if displacements is None else displacements
-    moving = [None] * n if velocities is None else velocities
+    moved = [None] * n if stated.displacements is None else stated.displacements
+    moving = [None] * n if stated.velocities is None else stated.velocities
     for body, u, v in zip(bodies, moved, moving, strict=True):
         body.now = initial_body_state(body, effects, u, v)
         set_internal_force(loop, body, sample=False)

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -14,6 +15,7 @@ from fem.system.body import Body
 from fem.system.contact_state import block_surfaces
 from fem.system.effects import Effects
 from fem.system.loose import unresisted_motions
+from fem.system.reactions import MovingSupport, moving_supports
 from fem.system.system import System
 from fem.system.time_step import CriticalTimeStep, critical_time_step
 from geometry.mesh import FloatArray, IntArray
@@ -34,8 +36,22 @@ class RecommendedTimes:
 
 
 @dataclass(frozen=True)
+class Times:
+    """When a run loads, has loaded and ends [s]."""
+
+    ramp: float = 0.0
+    """Duration of the smooth step of the loads."""
+    settled: float = 0.0
+    """When loads and supports have arrived: a static state may be found from then on."""
+    end: float = math.inf
+    """Latest end of the run."""
+    recommended: RecommendedTimes | None = None
+    """Times recommended by the lowest excited frequency; None for single bodies."""
+
+
+@dataclass(frozen=True)
 class TimedSystem:
-    """A system, its effects in time, and the times of a run.
+    """A system, its effects in time, and the times and the start of a run.
 
     Raises
     ------
@@ -49,27 +65,38 @@ class TimedSystem:
     """Representative blocks of each body in the order in which the loop has their copies."""
     effects: Effects
     """Damping, viscosity, rotation, gravity."""
-    recommended: RecommendedTimes | None = None
-    """Times recommended by the lowest excited frequency; None for single bodies."""
-    ramp_time: float = 0.0
-    """Duration of the smooth step of the loads [s]."""
-    end_time: float = math.inf
-    """Latest end of the run [s]."""
+    times: Times = field(default_factory=Times)
+    """Ramp and end."""
     counted_pressure: float = COUNTED_PRESSURE
     """Pressure whose contact stiffness the critical time step counts in where no cap is
     below it [MPa]."""
     stick: float = 1.0
     """With friction, stiffness of points that stick [MPa/mm]."""
-    velocities: tuple[FloatArray, ...] | None = None
-    """Of the bodies at time 0, (n_copies, n_nodes, 3) [mm/s]; None: at rest."""
-    settled_after: float = 0.0
-    """When loads and supports have arrived: a static state may be found from then on [s]."""
+    displacements: Sequence[FloatArray] | None = None
+    """Of the bodies at time 0, world axes, (n_copies, n_nodes, 3) [mm]; None: as placed."""
+    velocities: Sequence[FloatArray] | None = None
+    """Alike [mm/s]; None: at rest."""
 
     @cached_property
     def critical(self) -> CriticalTimeStep:
         """The largest stable step."""
         counted = [self.counted_stiffness * areas for areas in self.contact_areas]
         return critical_time_step(self.bodies, self.effects, counted)
+
+    def until(
+        self,
+        end: float,
+        displacements: Sequence[FloatArray] | None = None,
+        velocities: Sequence[FloatArray] | None = None,
+    ) -> TimedSystem:
+        """The same from another start to another end [s]."""
+        times = replace(self.times, end=end)
+        return replace(self, times=times, displacements=displacements, velocities=velocities)
+
+    @cached_property
+    def moving(self) -> tuple[MovingSupport, ...]:
+        """Supports that move."""
+        return moving_supports(self.system)
 
     @property
     def counted_stiffness(self) -> float:

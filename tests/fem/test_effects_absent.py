@@ -16,6 +16,7 @@ from fem.system.effects import AdaptiveMassDamping, BulkViscosity, Effects, Rayl
 from fem.system.forces import SmoothStepAmplitude
 from fem.system.springs import springs_on
 from geometry.mesh import boundary_quads
+from tests.support.explicit_runs import explicit_run
 from tests.support.fem_problems import CONCRETE, distorted_box
 from tests.support.lone_bodies import fixed_nodes, lone_bodies, nodal_load
 
@@ -88,7 +89,7 @@ def test_no_step_calls_an_effect_that_is_off(calls: Counter[str], name: str, loa
             expected.add("viscosity at supports")
     model = lone_bodies((group,), effects=effects, **parts)
     time_step = 0.5 * model.critical.critical_time_step
-    solve.run_explicit(
+    explicit_run(
         model,
         time_step=time_step,
         end_time=20.5 * time_step,
@@ -104,5 +105,5 @@ def test_springs_to_the_ground_are_stiffness_of_their_block(calls: Counter[str])
     springs = springs_on(mesh, [("bed", quads, 5.0, np.eye(3))])
     model = lone_bodies((placed_body(mesh, CONCRETE, springs=springs),))
     time_step = 0.5 * model.critical.critical_time_step
-    solve.run_explicit(model, time_step=time_step, end_time=20.5 * time_step, sample_interval=7)
+    explicit_run(model, time_step=time_step, end_time=20.5 * time_step, sample_interval=7)
     assert not calls

@@ -1,5 +1,7 @@
 """Explicit contact: kernel against its plain twin, balances, symmetry, agreement with statics."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -45,12 +47,14 @@ def kernel_forces(statement, displacements, *, then=None, **options):
     With ``then`` those at displacements that follow upon the first.
     """
     copy_of = statement.system.copy_of
-    start = {"displacements": in_model_order(statement, displacements), **options}
-    loop = prepare(statement, time_step=1e-9, **start)
+
+    def ready(moved):
+        start = in_model_order(statement, moved)
+        return prepare(replace(statement, displacements=start), time_step=1e-9, **options)
+
+    loop = ready(displacements)
     if then is not None:
-        displacements = then
-        start["displacements"] = in_model_order(statement, then)
-        following = prepare(statement, time_step=1e-9, **start)
+        displacements, following = then, ready(then)
         for body, new in zip(loop.bodies, following.bodies, strict=True):
             body.now.displacement[:] = new.now.displacement
     for body in loop.bodies:

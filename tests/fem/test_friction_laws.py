@@ -6,9 +6,9 @@ import pytest
 from fem import CoulombFriction, LinearPenalty
 from fem.dynamics import stated_run
 from fem.explicit.setup.timed_system import timed_system
-from fem.explicit.solve import run_explicit
 from fem.system.effects import PAPER_RAYLEIGH, Effects
 from fem.system.forces import SmoothStepAmplitude, TabularAmplitude
+from tests.support.explicit_runs import explicit_run
 from tests.support.fem_problems import in_contact
 from tests.support.floor import GRAVITY, block_on_floor
 from tests.support.lone_bodies import fixed_nodes, lone_bodies, with_supports
@@ -38,7 +38,7 @@ def pushed(amplitude, cycles):
     # Time steps meet the turning points.
     step = 2.5e-4 / 128
     held = with_supports(model, moved)
-    return run_explicit(held, end_time=end, time_step=step, sample_interval=1)
+    return explicit_run(held, end_time=end, time_step=step, sample_interval=1)
 
 
 def test_a_block_pushed_there_and_back_loses_the_area_of_the_loop():
@@ -50,23 +50,23 @@ def test_a_block_pushed_there_and_back_loses_the_area_of_the_loop():
     amplitude = 0.05
     result = pushed(amplitude, 2)
     expected = LIMIT * (9.0 * amplitude - 9.0 * ELASTIC)
-    last_step = LIMIT * 2.0 * amplitude / 5e-4 * result.time_step
-    lost = result.energies.frictional_dissipation
+    last_step = LIMIT * 2.0 * amplitude / 5e-4 * result.run.time_step
+    lost = result.run.energies.frictional_dissipation
     assert lost == pytest.approx(expected - last_step, abs=5 * 0.5 * last_step)
     assert lost < expected - last_step
     # The supports' work is what is lost and stored: rounding, of some hundred steps.
-    assert result.energy_balance < 1e-9
+    assert result.run.energy_balance < 1e-9
 
 
 def test_what_sticks_loses_nothing():
     """Pushed by nine tenths of the elastic slip the joint is a spring: it holds k A²/2 at the turns
     and loses nothing, to rounding."""
     result = pushed(0.9 * ELASTIC, 2)
-    held = result.history.column("contact_energy")
+    held = result.run.history.column("contact_energy")
     spring = 0.5 * FRICTION.stick_stiffness * AREA * (0.9 * ELASTIC) ** 2
     assert held.max() - held[0] == pytest.approx(spring, rel=1e-9)
-    assert np.abs(result.history.column("frictional_dissipation")).max() < 1e-12 * spring
-    assert result.energy_balance < 1e-9
+    assert np.abs(result.run.history.column("frictional_dissipation")).max() < 1e-12 * spring
+    assert result.run.energy_balance < 1e-9
 
 
 def test_gravity_that_grows_does_the_work_that_it_does():
@@ -75,13 +75,13 @@ def test_gravity_that_grows_does_the_work_that_it_does():
     group = timed_system(block_on_floor()).bodies[0]
     duration, down = 2e-4, np.array([0.0, 0.0, -GRAVITY])
     effects = Effects(gravity=down, gravity_amplitude=SmoothStepAmplitude(duration))
-    result = run_explicit(lone_bodies((group,), effects=effects), end_time=2 * duration)
+    result = explicit_run(lone_bodies((group,), effects=effects), end_time=2 * duration)
     speed = -result.velocities[0][0, :, 2]
     # Of the second half all, but for the half step by which velocities lag.
-    late = 0.5 * result.time_step * GRAVITY
+    late = 0.5 * result.run.time_step * GRAVITY
     expected = GRAVITY * (0.5 * duration + result.time - duration) - late
     assert speed == pytest.approx(expected, rel=1e-6)
-    energies = result.energies
+    energies = result.run.energies
     assert energies.external_work == pytest.approx(energies.kinetic_energy, rel=1e-10)
 
 
@@ -98,5 +98,5 @@ def test_gravity_grows_only_on_the_way_to_a_static_state():
             continue
         adaptive = effects.adaptive_mass_damping
         assert (
-            adaptive.fraction(0.5 * stated.ramp_time) < adaptive.fraction(stated.ramp_time) == 1.0
+            adaptive.fraction(0.5 * stated.times.ramp) < adaptive.fraction(stated.times.ramp) == 1.0
         )

@@ -506,7 +506,7 @@ def test_forces_at_any_motion_balance_and_are_the_slope_of_an_energy(name: str) 
 
 def contact_at(model: TimedSystem, displacements: Any) -> tuple[list[np.ndarray], float]:
     """Contact forces on all nodes, world axes [N], and the energy of contact [N mm]."""
-    loop = prepare(model, time_step=1e-9, displacements=displacements)
+    loop = prepare(replace(model, displacements=displacements), time_step=1e-9)
     for body in loop.bodies:
         body.now.applied_force[:] = 0.0
     contact = loop.interactions[0]

@@ -167,8 +167,10 @@ def test_friction_loads_as_slowly_whatever_made_the_gap(
         }
     )
     stated = stated_run(scene.problem, scene.method)
-    assert stated.recommended is not None
-    assert stated.ramp_time * stated.recommended.frequency == pytest.approx(periods, rel=1e-12)
+    assert stated.times.recommended is not None
+    assert stated.times.ramp * stated.times.recommended.frequency == pytest.approx(
+        periods, rel=1e-12
+    )
 
 
 @pytest.mark.usefixtures("undrawn")

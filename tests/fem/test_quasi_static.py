@@ -15,7 +15,7 @@ from fem.explicit.setup.quasi_static import (
     quasi_static_report,
 )
 from fem.explicit.setup.timed_system import timed_system
-from fem.explicit.solve import Status, StopCriterion, run_explicit
+from fem.explicit.solve import Status
 from fem.static.solve import static_state
 from fem.system.effects import AdaptiveMassDamping, BulkViscosity, Effects, RayleighDamping
 from geometry.families.boxes import BrickStack, ColumnBox, box_column
@@ -23,6 +23,7 @@ from geometry.loads import LoadCase, face_pressure, named_load
 from geometry.parts.supports import HeldFace
 from tests.support.answers import on_its_mesh
 from tests.support.coarse_tubes import coarse, ring
+from tests.support.explicit_runs import explicit_run
 from tests.support.fem_problems import deformable_assembly
 from validation import InputError, load_case
 
@@ -85,7 +86,7 @@ def test_stiff_contact_promises_no_frequency_that_no_elastic_block_has(stiffness
     blocks it was 470 times that for a law of 1e9 MPa/mm, and the run ended before a wave had
     crossed it. Half of a brick that yields as a whole gives the lower bound, c / 8h."""
     effects = Effects(adaptive_mass_damping=AdaptiveMassDamping())
-    times = timed_system(column(LinearPenalty(stiffness)), effects=effects).recommended
+    times = timed_system(column(LinearPenalty(stiffness)), effects=effects).times.recommended
     clamped = math.sqrt(CONCRETE.young_modulus / CONCRETE.density) / (2.0 * 50.0)
     assert clamped / 4.0 < times.frequency < clamped
     assert times.end_time > 50.0 / clamped
@@ -100,7 +101,7 @@ def test_a_verdict_does_not_advise_what_is_on(damped):
         effects=Effects(adaptive_mass_damping=damping),
         ramp_time=1e-4,
     )
-    result = run_explicit(stated, end_time=2e-4, stop=StopCriterion(1e-12), sample_interval=10)
+    result = explicit_run(stated, end_time=2e-4, residual=1e-12, sample_interval=10)
     report = quasi_static_report(result)
     assert "exceeds" in report.verdict
     assert ("fem.damping" in report.verdict) is not damped
@@ -115,14 +116,14 @@ def test_a_run_stops_where_its_round_off_stands():
         counted_pressure=10.0,
         effects=Effects(adaptive_mass_damping=AdaptiveMassDamping()),
     )
-    result = run_explicit(
+    result = explicit_run(
         stated,
-        end_time=20 * stated.end_time,
+        end_time=20 * stated.times.end,
         sample_interval=10,
-        stop=StopCriterion(1e-15, stated.ramp_time),
+        residual=1e-15,
     )
-    assert result.status is Status.STALLED
-    assert 0.25 < result.history.column("residual").min() / result.round_off < 4.0
+    assert result.run.status is Status.STALLED
+    assert 0.25 < result.run.history.column("residual").min() / result.run.rest.round_off < 4.0
     report = quasi_static_report(result)
     assert not report.is_static
     assert "a larger fem.residual" in report.verdict
@@ -139,10 +140,10 @@ def test_a_law_that_presses_before_the_load_starts_with_a_blow():
     assert statement.counted_pressure >= 1.5
     balance = []
     for factor in (0.2, 0.1, 0.05):
-        run = run_explicit(statement, end_time=1e-4, safety_factor=factor, sample_interval=1)
-        column = run.history.column
+        state = explicit_run(statement, end_time=1e-4, safety_factor=factor, sample_interval=1)
+        column = state.run.history.column
         assert column("contact_energy")[0] > 10.0 * np.abs(column("external_work")).max()
-        balance.append(run.energy_balance)
+        balance.append(state.run.energy_balance)
     # Second order is a factor of four; half of the way to first order is for kinks of the law.
     assert balance[0] / balance[1] > 2.8
     assert balance[1] / balance[2] > 2.8
@@ -169,7 +170,7 @@ def test_little_kinetic_energy_is_not_static():
     kinetic energy below 1 % of the internal energy (it swings through zero) and a force residual
     above 1 %. The report says that the end is not static."""
     deformable = tube()
-    times = timed_system(deformable).recommended
+    times = timed_system(deformable).times.recommended
     assert times.ramp_time == pytest.approx(10.0 / times.frequency)
     paper = Effects(rayleigh=RayleighDamping(2.0, 1e-8), bulk_viscosity=BulkViscosity())
     ramp = 2.0 / times.frequency
@@ -179,10 +180,8 @@ def test_little_kinetic_energy_is_not_static():
         effects=paper,
         ramp_time=ramp,
     )
-    result = run_explicit(
-        statement, end_time=3.0 * ramp, stop=StopCriterion(1e-12), sample_interval=10
-    )
-    table = {name: result.history.column(name) for name in COLUMNS}
+    result = explicit_run(statement, end_time=3.0 * ramp, residual=1e-12, sample_interval=10)
+    table = {name: result.run.history.column(name) for name in COLUMNS}
     held = table["time"] > ramp
     internal = table["strain_energy"] + table["contact_energy"]
     still = table["kinetic_energy"] < 0.01 * internal
@@ -194,7 +193,7 @@ def test_little_kinetic_energy_is_not_static():
     # A run that nothing damps to rest is a motion, as stated: no failure to arrive.
     assert report.verdict.startswith("in motion at ")
     assert report.hold_time == pytest.approx(2.0 * ramp, rel=1e-2)
-    assert result.energy_balance < 1e-2
+    assert result.run.energy_balance < 1e-2
 
 
 def test_elastic_frames_reach_the_static_state():
@@ -205,10 +204,9 @@ def test_elastic_frames_reach_the_static_state():
         counted_pressure=10.0,
         effects=Effects(adaptive_mass_damping=AdaptiveMassDamping(interval=50)),
     )
-    stop = StopCriterion(1e-5, statement.ramp_time)
-    result = run_explicit(statement, end_time=statement.end_time, stop=stop)
+    result = explicit_run(statement, end_time=statement.times.end, residual=1e-5)
     static = static_state(deformable)
-    for a, b in zip(statement.expand(result.displacements), static.displacements, strict=True):
+    for a, b in zip(result.displacements, static.displacements, strict=True):
         assert np.sqrt(np.mean((a - b) ** 2)) < 1e-3 * np.sqrt(np.mean(b**2))
 
 

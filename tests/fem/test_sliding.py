@@ -12,8 +12,7 @@ import pytest
 
 from fem import Explicit, Frames, Material, solve_explicit
 from fem.explicit.setup.quasi_static import block_frequencies
-from fem.explicit.setup.timed_system import state_of, timed_system
-from fem.explicit.solve import StopCriterion, run_explicit
+from fem.explicit.setup.timed_system import timed_system
 from fem.system.effects import AdaptiveMassDamping, Effects
 from fem.system.system import System
 from geometry import ColumnBox, RefusedError, box_block, box_column
@@ -21,6 +20,7 @@ from geometry.files.mesh_io import write_hex_mesh
 from geometry.loads import face_pressure
 from tests.support.answers import on_its_mesh
 from tests.support.coarse_tubes import coarse, keys
+from tests.support.explicit_runs import explicit_run
 from tests.support.fem_problems import deformable_assembly, in_contact
 from tests.support.own_blocks import SECTIONS
 from tests.support.printed import printed
@@ -208,10 +208,9 @@ def settled_box(built: float, slid: float) -> tuple[np.ndarray, np.ndarray]:
     )
     start = tuple(np.zeros((1, group.n_nodes, 3)) for group in stated.bodies)
     start[1][:, :, 0] = slid
-    stop = StopCriterion(1e-7, 1e-3)
-    result = run_explicit(stated, end_time=0.1, displacements=start, stop=stop)
-    assert str(result.status) == "converged"
-    found = state_of(result).contact_state
+    result = explicit_run(stated, end_time=0.1, displacements=start, residual=1e-7)
+    assert str(result.run.status) == "converged"
+    found = result.contact_state
     return found.point_pressures, found.positions - [built + slid, 0.0, 0.0]
 
 

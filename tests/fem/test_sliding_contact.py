@@ -59,7 +59,7 @@ def test_a_block_slides_over_many_facets():
     with every block counted by its fastest node, twice.
     """
     model, velocities = sliding_block(4000.0)
-    loop = prepare(model, time_step=5e-7, velocities=velocities)
+    loop = prepare(replace(model, velocities=velocities), time_step=5e-7)
     for _ in range(10_000):
         step(loop)
     (bound,), (body,) = loop.interactions, loop.bodies

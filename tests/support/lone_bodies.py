@@ -109,7 +109,7 @@ def lone_bodies(
 
 
 def with_supports(stated: TimedSystem, *supports: Support) -> TimedSystem:
-    """The same with other supports."""
-    bodies = stated.system.bodies
-    held = joined_rows([support(bodies) for support in supports])
+    """The same with other supports, of the blocks that are computed."""
+    held = joined_rows([support(stated.system.bodies) for support in supports])
+    held = replace(held, block=np.concatenate(stated.blocks)[held.block])
     return replace(stated, system=replace(stated.system, supports=held))

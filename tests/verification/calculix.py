@@ -265,7 +265,7 @@ def bar_rows(folder: Path) -> list[CheckRow]:
     theirs = calculix_of(deck, folder)
     start, end = time.process_time(), BAR_RUN.end_time
     stated = timed_system(deck.problem.deformable, ramp_time=0.0, end_time=end)
-    ours = run_explicit(stated, end_time=stated.end_time, time_step=BAR_RUN.time_step)
+    ours = run_explicit(stated, BAR_RUN)
     cpu = theirs.cpu_seconds, time.process_time() - start
     moved = float(theirs.displacements[:, 0].min()), float(ours.displacements[0][0][:, 0].min())
     return [_row("bar, explicit", "displacement of the end [mm]", moved, 5e-7, cpu)]

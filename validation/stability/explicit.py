@@ -14,7 +14,6 @@ from fem.explicit.setup.timed_system import timed_system
 from fem.explicit.solve import (
     LARGEST_IMBALANCE,
     Run,
-    StopCriterion,
     UnstableRun,
     run_explicit,
 )
@@ -22,6 +21,8 @@ from fem.explicit.solve import watch as watch_energy
 from fem.explicit.start import prepare
 from fem.explicit.step import step as central_difference_step
 from fem.explicit.timed import TimedSystem
+from fem.method import Explicit
+from fem.state import State
 from fem.system.contact_state import contact_state
 from fem.system.effects import AdaptiveMassDamping, Effects
 from fem.system.system import System
@@ -59,15 +60,21 @@ def noise(model: TimedSystem, size: float) -> tuple[FloatArray, ...]:
     return tuple(size * rng.standard_normal((g.n_copies, g.n_nodes, 3)) for g in model.bodies)
 
 
+def ended(stated: TimedSystem, method: Explicit | None = None) -> tuple[State, Run]:
+    """State at the end of a run, and the run."""
+    state = run_explicit(stated, method or Explicit())
+    assert state.run is not None
+    return state, state.run
+
+
 def settled_column(
     stated: System, *, ramp: float, end: float, residual: float = 1e-5
-) -> tuple[Run, FloatArray]:
-    """Run a pressed column to its static state; the run and its contact pressures [MPa]."""
+) -> tuple[State, Run, FloatArray]:
+    """Run a pressed column to its static state; its contact pressures [MPa]."""
     damped = Effects(adaptive_mass_damping=AdaptiveMassDamping())
-    whole = timed_system(stated, effects=damped, ramp_time=ramp)
-    stop = StopCriterion(residual=residual, not_before=ramp)
-    result = run_explicit(whole, end_time=end, stop=stop)
-    return result, contact_state(stated, whole.expand(result.displacements)).point_pressures
+    whole = timed_system(stated, effects=damped, ramp_time=ramp).until(end)
+    state, run = ended(whole, Explicit(residual=residual))
+    return state, run, contact_state(stated, state.displacements).point_pressures
 
 
 @case("time-step-0.99")
@@ -75,9 +82,8 @@ def below_critical() -> CaseVerdict:
     """0.99 of the critical step, all modes excited: energy is kept."""
     model = free_cube()
     critical, start = model.critical.critical_time_step, noise(model, 100.0)
-    result = run_explicit(
-        model, end_time=5000 * critical, time_step=0.99 * critical, velocities=start
-    )
+    excited = model.until(5000 * critical, velocities=start)
+    _, result = ended(excited, Explicit(time_step=0.99 * critical))
     return case_verdict(("energy balance of 5 000 steps", result.energy_balance, 1e-9))
 
 
@@ -86,7 +92,7 @@ def above_critical() -> CaseVerdict:
     """1.01 of the critical step: rejected."""
     model = free_cube()
     too_long, words = 1.01 * model.critical.critical_time_step, "at most the critical time step"
-    run = partial(run_explicit, model, end_time=1e-3, time_step=too_long)
+    run = partial(run_explicit, model.until(1e-3), Explicit(time_step=too_long))
     return rejected(run, TimeStepError, "expected", words)
 
 
@@ -95,7 +101,7 @@ def forced() -> CaseVerdict:
     """1.01 of the critical step past the door: the watchdog stops the run, nothing infinite."""
     model = free_cube()
     too_long = 1.01 * model.critical.critical_time_step
-    loop = prepare(model, time_step=too_long, velocities=noise(model, 100.0))
+    loop = prepare(replace(model, velocities=noise(model, 100.0)), time_step=too_long)
     history = History()
 
     def run() -> None:
@@ -128,10 +134,14 @@ def impact_10_m_per_s() -> CaseVerdict:
     velocity = np.zeros((1, group.n_nodes, 3))
     velocity[:, :, 2] = -IMPACT_SPEED
 
-    run = partial(run_explicit, model, end_time=1e-4, velocities=(velocity,), sample_interval=1)
+    falls = model.until(1e-4, velocities=(velocity,))
+
+    def run(factor: float) -> Run:
+        return ended(falls, Explicit(sample_interval=1, safety_factor=factor))[1]
+
     words = "differ from the external work"
-    stopped = rejected(lambda: run(safety_factor=0.9), UnstableRun, words)
-    half, quarter = run(safety_factor=0.45), run(safety_factor=0.225)
+    stopped = rejected(lambda: run(0.9), UnstableRun, words)
+    half, quarter = run(0.45), run(0.225)
     contact = float(half.history.column("contact_energy").max())
     start = 0.5 * float(group.lumped_mass.sum()) * IMPACT_SPEED**2
     # The blow is a vibration near the stability limit (ω Δt close to 2), which misplaces energy.
@@ -154,10 +164,9 @@ def rotation_360() -> CaseVerdict:
     period = 4000 * critical
     arm = group.mesh.nodes - group.mesh.nodes.mean(axis=0)
     spin = 2.0 * np.pi / period
-    result = run_explicit(
-        model, end_time=period, velocities=(np.cross([0.0, 0.0, spin], arm)[None],)
-    )
-    moved, velocity = result.displacements[0][0], result.velocities[0][0]
+    turns = (np.cross([0.0, 0.0, spin], arm)[None],)
+    state, result = ended(model.until(period, velocities=turns))
+    moved, velocity = state.displacements[0][0], state.velocities[0][0]
     end = arm + moved - 0.5 * result.time_step * velocity
     before, after = (
         np.einsum("n,ni->i", group.lumped_mass, np.cross(x, v))
@@ -182,7 +191,7 @@ def steps_1e6() -> CaseVerdict:
     held = held_nodes(np.flatnonzero(cube.mesh.nodes[:, 2] == 0.0))
     model = timed_system(one_block(cube, supports=held), ramp_time=0.0, end_time=1.0)
     end, start = 1e6 * 0.9 * model.critical.critical_time_step, noise(model, 100.0)
-    result = run_explicit(model, end_time=end, velocities=start, sample_interval=10_000)
+    _, result = ended(model.until(end, velocities=start), Explicit(sample_interval=10_000))
     # Round-off walks: sqrt(1e6) eps = 2e-13 in velocity, ten times that at worst in energy.
     balance = result.energy_balance
     return case_verdict(("steps", result.n_steps, ">=", 1e6), ("energy balance", balance, 1e-9))
@@ -194,8 +203,8 @@ def zero_load_explicit() -> CaseVerdict:
     assembly = stack(2, top_fixed=True)
     stated = deformable(assembly, pressed(stack(2), 0.0), law=LinearPenalty(100.0))
     model = timed_system(replace(stated, forces=()))
-    result = run_explicit(model, end_time=200 * model.critical.critical_time_step)
-    largest = max(float(np.abs(u).max()) for u in result.displacements)
+    state, _ = ended(model.until(200 * model.critical.critical_time_step))
+    largest = max(float(np.abs(u).max()) for u in state.displacements)
     return case_verdict(("largest displacement [mm]", largest, 0.0))
 
 
@@ -206,7 +215,7 @@ def density_ratio_1e6() -> CaseVerdict:
     pressure, light = 1.0, replace(COLUMN, density=1e-6 * COLUMN.density)
     load, materials = pressed(stack(1), pressure), (COLUMN, COLUMN, light)
     stated = deformable(stack(1), load, material=materials)
-    result, pressures = settled_column(stated, ramp=1e-5, end=2e-2, residual=1e-3)
+    _, result, pressures = settled_column(stated, ramp=1e-5, end=2e-2, residual=1e-3)
     return case_verdict(
         ("residual", result.residual if result.residual is not None else np.nan, 1e-3),
         ("energy balance", result.energy_balance, 1e-2),
@@ -221,11 +230,11 @@ def stiff_law_explicit() -> CaseVerdict:
     runs = [
         settled_column(deformable(stack(1), load, law=law), ramp=5e-4, end=2e-2) for law in laws
     ]
-    (usual, _), (stiff, _) = runs
+    (_, usual, _), (_, stiff, _) = runs
     return case_verdict(
         ("time step, stiff over usual", stiff.time_step / usual.time_step, 1.0),
-        ("energy balance", max(run.energy_balance for run, _ in runs), 1e-2),
-        ("joint pressures", max(relative_difference(p, np.array(0.01)) for _, p in runs), 1e-2),
+        ("energy balance", max(run.energy_balance for _, run, _ in runs), 1e-2),
+        ("joint pressures", max(relative_difference(p, np.array(0.01)) for *_, p in runs), 1e-2),
     )
 
 
@@ -234,7 +243,7 @@ def mechanism_driven_explicit() -> CaseVerdict:
     """A column pushed sideways without friction: the run says that it is not static."""
     assembly = stack(1)
     stated = deformable(assembly, pressed(assembly, 0.01, face="inner"))
-    result, _ = settled_column(stated, ramp=2e-4, end=4e-3)
-    report = quasi_static_report(result)
+    state, _, _ = settled_column(stated, ramp=2e-4, end=4e-3)
+    report = quasi_static_report(state)
     assert report is not None
     return case_verdict(("called static", report.is_static, "==", 0), message=report.verdict)

@@ -15,10 +15,11 @@ from fem.element.hexahedron import ElementType
 from fem.element.kinds import block_lumped_mass, block_stiffness
 from fem.element.material import Material
 from fem.explicit.setup.timed_system import timed_system
-from fem.explicit.solve import run_explicit
+from fem.method import Explicit
 from geometry.block import box_block
 from geometry.mesh import FloatArray
 from validation.stability.case import CaseVerdict, Number, case, case_verdict
+from validation.stability.explicit import ended
 from validation.stability.problems import held_nodes, one_block
 
 #: Long, slender, and without Poisson's ratio, so that the clamped end has no singular stress.
@@ -77,10 +78,9 @@ def phase_errors(fractions: tuple[float, ...]) -> list[float]:
     end, weight = periods * 2 * np.pi / omega, np.repeat(model.bodies[0].lumped_mass, 3)
     errors = []
     for fraction in fractions:
-        run = run_explicit(
-            model, end_time=end, safety_factor=fraction, displacements=(start[None],)
-        )
-        amplitude = float(weight @ (run.displacements[0][0].ravel() * start.ravel()))
+        released = model.until(end, displacements=(start[None],))
+        state, run = ended(released, Explicit(safety_factor=fraction))
+        amplitude = float(weight @ (state.displacements[0][0].ravel() * start.ravel()))
         amplitude /= float(weight @ start.ravel() ** 2)
         phase = np.arccos(np.clip(amplitude, -1.0, 1.0)) + 2 * np.pi * np.floor(periods)
         errors.append(float(abs(phase / (omega * run.time) - 1.0)))

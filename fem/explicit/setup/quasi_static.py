@@ -21,8 +21,8 @@ import numpy as np
 import scipy.linalg
 
 from fem.contact.surfaces import ContactError
-from fem.explicit.solve import Run
 from fem.explicit.timed import RecommendedTimes
+from fem.state import State
 from fem.system.body import Body, rigid_motions
 from fem.system.system import System
 from geometry.mesh import FloatArray, IntArray
@@ -232,17 +232,19 @@ class QuasiStaticReport:
     """The same in words, with what to do."""
 
 
-def quasi_static_report(run: Run) -> QuasiStaticReport | None:
+def quasi_static_report(state: State) -> QuasiStaticReport | None:
     """Judge the end of an explicit run; None where nothing recommends a frequency."""
-    times, ramp_time = run.stated.recommended, run.stated.settled_after
-    if times is None:
+    run = state.run
+    if run is None or run.rest is None or run.stated.times.recommended is None:
         return None
-    moved = speed = mass = 0.0
-    for group, u, v in zip(run.stated.bodies, run.displacements, run.velocities, strict=True):
-        moved += float(np.einsum("n,cni,cni->", group.lumped_mass, u, u))
-        speed += float(np.einsum("n,cni,cni->", group.lumped_mass, v, v))
-        mass += group.n_copies * float(group.lumped_mass.sum())
-    settling = run.settling
+    times, ramp_time, rest = run.stated.times.recommended, run.stated.times.settled, run.rest
+    system = run.stated.system
+    masses = np.concatenate([system.body(slot).lumped_mass for slot in range(system.n_slots)])
+    moved, speed = (
+        0.0 if of is None else float(masses @ (of**2).sum(axis=1))
+        for of in (state.displacement, state.velocity)
+    )
+    settling = rest.settling
     if settling is None:
         settling = np.sqrt(speed / moved) / (2.0 * np.pi * times.frequency) if moved else 0.0
     energies = run.energies
@@ -256,19 +258,17 @@ def quasi_static_report(run: Run) -> QuasiStaticReport | None:
         faults.append("the load is not fully applied: raise fem.end_time")
     damped = run.stated.effects.adaptive_mass_damping is not None
     longer = ": raise fem.end_time" if damped else ""
-    if run.round_off is not None:
+    if rest.round_off is not None:
         faults.append(
             f"the force residual {run.residual:.1e} no longer falls: round-off leaves about "
-            f"{run.round_off:.1e}; use a larger fem.residual"
+            f"{rest.round_off:.1e}; use a larger fem.residual"
         )
-    elif run.residual is not None and not run.residual <= run.static_below:
-        faults.append(
-            f"the force residual {run.residual:.1e} exceeds {run.static_below:.1e}{longer}"
-        )
+    elif run.residual is not None and not run.residual <= rest.below:
+        faults.append(f"the force residual {run.residual:.1e} exceeds {rest.below:.1e}{longer}")
     if not settling <= _SETTLED:
         faults.append(
             f"the remaining displacement is {100 * settling:.2g} % (at most "
-            f"{100 * _SETTLED:.2g} %)" + ("" if run.round_off else longer)
+            f"{100 * _SETTLED:.2g} %)" + ("" if rest.round_off else longer)
         )
     if run.residual is None:
         faults.append("the force residual was not monitored")
@@ -277,13 +277,13 @@ def quasi_static_report(run: Run) -> QuasiStaticReport | None:
     elif damped:
         verdict = f"not static: {'; '.join(faults)}"
     else:
-        rest = 'for a state at rest use fem.damping = "static"'
-        verdict = f"in motion at {1e3 * run.time:.4g} ms: {'; '.join(faults)}; {rest}"
+        advice = 'for a state at rest use fem.damping = "static"'
+        verdict = f"in motion at {1e3 * run.time:.4g} ms: {'; '.join(faults)}; {advice}"
     return QuasiStaticReport(
         ramp_time=ramp_time,
         hold_time=max(hold, 0.0),
         kinetic_over_internal_energy=ratio,
-        velocity_norm=float(np.sqrt(speed / mass)),
+        velocity_norm=float(np.sqrt(speed / masses.sum())),
         settling=float(settling),
         residual=run.residual,
         is_static=not faults,

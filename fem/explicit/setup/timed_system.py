@@ -18,10 +18,8 @@ from fem.contact.search import SearchedPoints, points_of_search
 from fem.contact.surfaces import ContactError, refuse_overlap
 from fem.explicit.contact.sliding import SLIGHT
 from fem.explicit.setup.quasi_static import FRACTION_WHILE_LOADING, recommended_times
-from fem.explicit.solve import Run
-from fem.explicit.timed import RecommendedTimes, TimedSystem
+from fem.explicit.timed import RecommendedTimes, TimedSystem, Times
 from fem.problem import Motion
-from fem.state import State
 from fem.system.body import ModelError, refuse_turning_springs
 from fem.system.contact_state import facing_points, searched_state
 from fem.system.effects import EffectError, Effects
@@ -51,23 +49,6 @@ def counting_more(stated: TimedSystem) -> TimedSystem | None:
         if higher and more.counted_stiffness > stated.counted_stiffness:
             return more
     return None
-
-
-def state_of(run: Run) -> State:
-    """State of the whole assembly at the end of a run."""
-    stated = run.stated
-    system, copies = stated.system, stated.system.orbits.copies
-    if run.searched is not None:
-        system = system.on(run.searched)
-    return State(
-        system=system,
-        displacement=stated.of_system(run.displacements),
-        friction=run.friction,
-        support_force=stated.of_system(run.support_forces) if run.support_forces else None,
-        contact_force=stated.of_system(run.contact_forces),
-        time=run.time,
-        run=replace(run, history=run.history.times(copies)),
-    )
 
 
 def timed_system(
@@ -131,12 +112,9 @@ def timed_system(
         system=_in_time(system, ramp),
         blocks=blocks,
         effects=_growing(effects, ramp, rubs=deformable.contact.friction is not None),
-        recommended=times,
-        ramp_time=ramp,
-        end_time=end,
+        times=Times(ramp, max(ramp, moved), end, times),
         counted_pressure=counted_pressure,
         stick=stick,
-        settled_after=max(ramp, moved),
     )
     if motion is None:
         return stated

@@ -134,8 +134,8 @@ def effect_costs(
         )
     base = to_rest(case)
     statement = _stated(base)
-    assert statement.recommended is not None  # blocks meet
-    frequency, ramp = statement.recommended.frequency, statement.ramp_time
+    assert statement.times.recommended is not None  # blocks meet
+    frequency, ramp = statement.times.recommended.frequency, statement.times.ramp
     assert isinstance(base.method, Explicit)
     end = base.method.end_time or ramp + _PERIODS / frequency
     every = {"all": base} | {str(e): to_rest(without_effect(base, e)) for e in effects}
