@@ -47,8 +47,8 @@ class AlikePairs:
     """(x_m + x_s)/2 before any displacement, master frame, (n_nodes, 3) [mm]."""
     rotation: FloatArray
     """From the frame of the opposing block to that of the master, (3, 3)."""
-    share: FloatArray
-    """Part of each facet that counts (`fem.system.sector.Orbits`), (n_facets,)."""
+    weights: FloatArray
+    """Area of each Gauss point, (n_facets, 4) [mm²]."""
     facets: IntArray
     """Which of the matched facets that are computed each one is, (n_pairs, n_facets)."""
     begins: IntArray
@@ -63,11 +63,6 @@ class AlikePairs:
     def n_facets(self) -> int:
         """Facets of one pair."""
         return len(self.corners)
-
-    @property
-    def weights(self) -> FloatArray:
-        """Area of each Gauss point, (n_facets, 4) [mm²]."""
-        return self.share[:, None] * np.linalg.norm(self.area_vectors(), axis=2)
 
     def area_vectors(self) -> FloatArray:
         """t_1 × t_2 at the Gauss points before any displacement, (n_facets, 4, 3) [mm²]."""
@@ -191,7 +186,7 @@ def _join(system: System, pairs: list[_Pair], copy_of: IntArray) -> AlikePairs:
         offset=x_s - x_m,
         mean=0.5 * (x_m + x_s),
         rotation=first.rotation,
-        share=first.share,
+        weights=np.take_along_axis(system.points.weights[first.facets], first.begins, axis=1),
         facets=np.array([pair.facets for pair in pairs]),
         begins=np.array([pair.begins for pair in pairs]),
     )
