@@ -330,7 +330,9 @@ def run_explicit(
     watched = to_rest or stated.times.recommended is not None
     rest = Rest(method.residual, to_rest) if watched else None
     first, started = loop.step, clock.process_time()
-    with stop_requests() as request, compiling() as compiled, budget() as spent:
+    # What is not finite is for the watchdog to tell, at the next sample.
+    silent = np.errstate(all="ignore")
+    with silent, stop_requests() as request, compiling() as compiled, budget() as spent:
         course = _Course(loop, method, output or Output(), history, rest, spent, restarts)
         status = course.steps(request)
     cost = Cost(

@@ -65,3 +65,10 @@ def test_a_step_beyond_the_critical_one_is_one_line(body: tuple[str, list[str]])
     scene, settings = body
     with pytest.raises(RefusedError, match="at most the critical time step"):
         solve(load_case(scene, [*settings, "fem.time_step=1.0"]))
+
+
+def test_blocks_that_are_thrown_apart_end_in_one_line():
+    """Pushed by millimetres in 10 µs: the last steps overflow, which is no warning of its own."""
+    fast = {"fem.method": "explicit", "fem.end_time": 2e-4, "fem.ramp_time": 1e-5}
+    with pytest.raises(RefusedError, match=r"a smaller fem\.safety_factor or set contact"):
+        solve(load_case("pushed-panel", fast))
