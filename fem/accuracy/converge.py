@@ -235,7 +235,7 @@ def converge(
         try:
             with budget(ends=math.inf if last is None else ends):
                 if last is not None and number == _FOR_BARS:
-                    stick = stick_change(last.problem, last.state, options)
+                    stick = _stick_change(last, options)
                 last = _solve(problem, stated, rung, options, before=last)
         except (LimitError, KeyboardInterrupt) as limit:
             if last is None:
@@ -304,7 +304,15 @@ def bars_under(
     if len(solved) < _FOR_BARS:
         return {}
     bars = sequence_bars([one.numbers for one in solved], searched=problem.searches)
-    return with_stick(bars, stick_change(solved[0].problem, solved[0].state, options, factor))
+    return with_stick(bars, _stick_change(solved[0], options, factor))
+
+
+def _stick_change(one: Solved, options: StaticOptions, factor: float = 1.0) -> Values:
+    """Changes by softer stick on one mesh, under a factor times the loads in as many steps."""
+    once = replace(options, load_steps=one.state.evidence.load_steps, load_tolerance=None)
+    return stick_change(
+        one.problem, one.state, lambda softer: static_state(softer.deformable.under(factor), once)
+    )
 
 
 def check_refinable(problem: Problem) -> None:

@@ -18,7 +18,6 @@ from fem.accuracy.ladder import coarser, split
 from fem.answer.measures import bracketed, load_step_change, measures_of
 from fem.problem import Problem
 from fem.state import State
-from fem.static.solve import StaticOptions, static_state
 from geometry.block import Block
 from geometry.errors import RefusedError
 from geometry.machine.work import Budget, LimitError, allowance, unlimited
@@ -73,7 +72,7 @@ def static_errors(
         except RefusedError:
             continue
         if not coarser_ones:
-            stick = _change_by_stick(stated, other, solve)
+            stick = stick_change(stated, other, solve)
         coarser_ones.append((stated, other))
     others = [other for _, other in coarser_ones]
     few = spent is not None and spent.grown(_FINER) <= allowance().work
@@ -81,7 +80,7 @@ def static_errors(
         with suppress(RefusedError):
             others = [solve(split(problem, 2, 1))]
     if not coarser_ones:
-        stick = _change_by_stick(problem, state, solve)
+        stick = stick_change(problem, state, solve)
     elements, meshes = state.deformable.n_elements, []
     with unlimited():  # of what is solved
         for other in others:
@@ -110,41 +109,19 @@ class OneMeshErrors(NamedTuple):
 
 
 def stick_change(
-    problem: Problem, state: State, options: StaticOptions, factor: float = 1.0
+    problem: Problem, state: State, solve: Callable[[Problem], State]
 ) -> dict[str, float]:
     """Change of each measure of a state by a tenth of the default stick stiffness, in its unit.
 
-    Under a factor times the loads, in as many load steps; empty without friction, and where the
-    stiffness is stated. Softer stick is found as fast as the state itself, stiffer stick is not.
+    Empty without friction, and where the stiffness is stated. Softer stick is found as fast as the
+    state itself, stiffer stick is not.
     """
-    if not _sticks_by_default(problem):
+    coulomb = problem.coulomb
+    if coulomb is None or coulomb.stick_stiffness is not None:
         return {}
-    once = replace(options, load_steps=state.evidence.load_steps, load_tolerance=None)
-    softer = static_state(_softer(problem).deformable.under(factor), once)
-    return _changes(softer, state)
-
-
-def _change_by_stick(
-    problem: Problem, state: State, solve: Callable[[Problem], State]
-) -> dict[str, float]:
-    """As `stick_change`, by a function that solves a problem."""
-    return _changes(solve(_softer(problem)), state) if _sticks_by_default(problem) else {}
-
-
-def _sticks_by_default(problem: Problem) -> bool:
-    return problem.coulomb is not None and problem.coulomb.stick_stiffness is None
-
-
-def _softer(problem: Problem) -> Problem:
-    """The same with a tenth of the default stick stiffness."""
-    assert problem.coulomb is not None
-    softer = replace(problem.coulomb, stick_stiffness=0.1 * problem.deformable.stick())
-    return replace(problem, friction=softer)
-
-
-def _changes(one: State, other: State) -> dict[str, float]:
-    values = values_of(other)
-    return {name: abs(value - values[name]) for name, value in values_of(one).items()}
+    softer = replace(coulomb, stick_stiffness=0.1 * problem.deformable.stick())
+    before, after = values_of(state), values_of(solve(replace(problem, friction=softer)))
+    return {name: abs(value - before[name]) for name, value in after.items()}
 
 
 def values_of(state: State) -> dict[str, float]:

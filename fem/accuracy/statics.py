@@ -312,7 +312,12 @@ def _of_coarser(
         follower.watch.lap("error bars")
     elif not method.error_estimate:
         parts["notes"] = Notes([NOT_ASKED])
-    return _Bars(errors, partial(_errors_under, problem, options, spent), parts)
+
+    def under(factor: float, there: State) -> dict[str, float]:
+        solve = partial(_state, options=options, factor=factor)
+        return static_errors(problem, there, solve, spent).errors
+
+    return _Bars(errors, under, parts)
 
 
 def _has_strengths(problem: Problem) -> bool:
@@ -320,22 +325,16 @@ def _has_strengths(problem: Problem) -> bool:
 
 
 def _state(
-    problem: Problem, options: StaticOptions, store: FlexibilityStore | None = None
+    problem: Problem,
+    options: StaticOptions,
+    store: FlexibilityStore | None = None,
+    factor: float = 1.0,
 ) -> State:
-    """State of a problem on its mesh."""
+    """State of a problem on its mesh, under a factor times the loads."""
     *before, deformable = (stage.deformable for stage in problem.stages)
+    if factor != 1.0:
+        deformable = deformable.under(factor)
     return static_state(deformable, options, store=store, before=before)
-
-
-def _errors_under(
-    problem: Problem, options: StaticOptions, spent: Budget, factor: float, state: State
-) -> dict[str, float]:
-    """Errors on the mesh of the problem under a factor times the loads, of a state there."""
-
-    def solve(other: Problem) -> State:
-        return static_state(other.deformable.under(factor), options)
-
-    return static_errors(problem, state, solve, spent).errors
 
 
 def refines(problem: Problem, method: Static) -> bool:
