@@ -14,8 +14,6 @@ from geometry.assembly import Assembly
 from geometry.files.mesh_io import write_cells
 from geometry.machine.system import write_whole
 from geometry.parts.measures import JointResultants, SectionForces
-from validation.case import solve
-from validation.errors import InputError
 from validation.output import answer_files
 from validation.output.files import FRAMES, write_csv
 from validation.output.outputs import Outputs
@@ -83,7 +81,7 @@ def _files(answer: Answer) -> Iterator[answer_files.File]:
         from validation.output.pictures.motions import draw_motions
 
         yield "motions", "motions.csv", partial(_write_motions, curves)
-        drawn["motions.png"] = lambda: draw_motions(answer, limit=_rigid_limit(answer))
+        drawn["motions.png"] = partial(draw_motions, answer)
     if not rigid and details.run is not None:
         from validation.output.pictures.energies import draw_energies
 
@@ -189,21 +187,6 @@ def _write_motions(curves: Iterable[PushCurve], path: Path) -> None:
         for row in zip(curve.times, curve.displacements, curve.forces, strict=True)
     ]
     write_csv(path, ("support", "time_s", "displacement_mm", "force_N"), rows)
-
-
-def _rigid_limit(answer: Answer) -> float | None:
-    """Limit of the push of a scene with associated friction [N]; None where there is none.
-
-    Rigid blocks have none beside springs and other supports that move.
-    """
-    if not any(support.is_push for support in answer.problem.load_case.held):
-        return None
-    try:
-        push = solve(answer.case.with_method("rigid")).parts["push_limit"]
-    except InputError:
-        return None
-    force: float | None = push.as_json().get("associated")
-    return force
 
 
 def _write_history(history: History, path: Path) -> None:

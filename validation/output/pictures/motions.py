@@ -19,14 +19,11 @@ _KILO = 1e4
 _COLOURS = (BLUE, VERMILION, GREEN, ORANGE)
 
 
-def draw_motions(answer: Answer, *, limit: float | None = None) -> Figure:
-    """Plot force against displacement of each support that moves, the largest force marked.
-
-    Beside it the limit load of rigid blocks [N], where there is one.
-    """
+def draw_motions(answer: Answer) -> Figure:
+    """Plot force against displacement of each support that moves, the largest force marked."""
     curves = push_curves_of(answer.details)
     figure, axes = subplots(1, 1, size=(7.0, 4.5))
-    most = max(limit or 0.0, *(abs(curve.forces).max() for curve in curves))
+    most = max(abs(curve.forces).max() for curve in curves)
     unit, name = (1e-3, "kN") if most >= _KILO else (1.0, "N")
     for k, curve in enumerate(curves):
         colour = _COLOURS[k % len(_COLOURS)]
@@ -42,16 +39,6 @@ def draw_motions(answer: Answer, *, limit: float | None = None) -> Figure:
             xytext=(-8, 4),
             ha="right",
             color=colour,
-        )
-    if limit is not None:
-        axes.axhline(unit * limit, color="0.4", ls="--", lw=1.0)
-        axes.annotate(
-            f"rigid limit, associated friction: {number(unit * limit)} {name}",
-            (0.0, unit * limit),
-            xycoords=("axes fraction", "data"),
-            textcoords="offset points",
-            xytext=(4, 4),
-            color="0.3",
         )
     axes.set_xlabel("displacement of the support [mm]")
     axes.set_ylabel(f"force on the blocks [{name}]")
