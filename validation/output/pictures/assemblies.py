@@ -139,26 +139,28 @@ def draw_pressed_facets(
             title += f"; side joints of layer {layer}: open"
     columns = [
         [Panel("tube, far half removed", View(parts, towards, weight=weight))],
-        [ring_panel(facets, lower, scale, layer, towards) for lower in joints.values()],
+        ring_panels(facets, scale, layer, towards),
         unrolled,
     ]
     return gallery(columns, title, height=9.5, scale=scale)
 
 
-def ring_panel(
-    facets: PressedFacets,
-    lower: int,
-    scale: Scale,
-    layer: int,
-    towards: Direction = EYE,
-) -> Panel:
-    """One joint of a layer as an eye sees it: top faces from above, bottom faces from below."""
-    shown = np.flatnonzero(facets.assembly.layer == layer).tolist()
-    parts = [facets.surface(facets.between(lower), scale), *facets.outlines(shown)]
-    top = lower == layer
+def ring_panels(
+    facets: PressedFacets, scale: Scale, layer: int, towards: Direction = EYE
+) -> list[Panel]:
+    """Both joints of a layer as an eye sees them: top faces from above, bottom ones from below."""
+    edges = facets.outlines(np.flatnonzero(facets.assembly.layer == layer).tolist())
     where = f"layer {layer} of {facets.assembly.n_layers}"
-    words = f"{where}:\n{'top faces from above' if top else 'bottom faces from below'}"
-    return Panel(words, View(parts, steep(towards, 1.0 if top else -1.0)))
+    return [
+        Panel(
+            f"{where}:\n{words}",
+            View([facets.surface(facets.between(lower), scale), *edges], steep(towards, sign)),
+        )
+        for words, lower, sign in (
+            ("top faces from above", layer, 1.0),
+            ("bottom faces from below", layer - 1, -1.0),
+        )
+    ]
 
 
 def unrolled_panel(

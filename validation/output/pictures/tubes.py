@@ -97,19 +97,12 @@ def moved_blocks(
     return blocks(deformable.drawn, lambda b: scale.of(values(b)), places, lit=False, **options)
 
 
-def _view(
-    solution: State,
-    values: Callable[[int], FloatArray],
-    scale: Scale,
-    direction: Direction,
-    **options: Any,
-) -> View:
-    """`moved_blocks`, and edges of the others; single bodies show their own, where they were."""
+def _around(solution: State) -> list[Part]:
+    """Edges of the blocks that do not deform; single bodies show their own, where they were."""
     deformable = solution.deformable
     rigid = np.flatnonzero(deformable.group_of < 0).tolist()
     edged = rigid if deformable.meets else deformable.deformable_blocks.tolist()
-    parts = moved_blocks(solution, values, scale, **options)
-    return View([*parts, *blocks(deformable.drawn, None, only=edged, edges=0.6)], direction)
+    return blocks(deformable.drawn, None, only=edged, edges=0.6)
 
 
 # ---------------------------------------------------------------------------------------------
@@ -164,27 +157,33 @@ def draw_stresses(answer: Answer) -> Figure:
     solution, tube = answer.details, is_round(answer.details.deformable.drawn)
     meets = solution.deformable.meets
     direction = run_facets(answer).side if meets else eye(solution.deformable.drawn)
-    columns = []
+    columns, around = [], _around(solution)
     for stress in stresses_of(answer):
         scale, values = stress_scale(solution, stress), partial(_stress, solution, stress)
         words = f"{stress.symbol}{', outer surface' if tube else ''}"
         faces, edges = ("outer",) if tube else None, 0.35 if meets else 0.0
-        view = _view(solution, values, scale, direction, faces=faces, edges=edges)
+        parts = moved_blocks(solution, values, scale, faces=faces, edges=edges)
+        view = View([*parts, *around], direction)
         columns.append([Panel(words, view, scale=scale, note=extreme(answer, stress)[1])])
     if not tube:
-        columns.append([moved_panel(solution, direction)])
+        columns.append([moved_panel(solution, direction, around=around)])
     joints = _joint_panels(answer, direction) if meets else []
     columns += [joints] if tube else [[panel] for panel in joints]
     widest = 16.0 + 4.0 * (len(columns) - (4 if tube else 5))
     return gallery(columns, answer.title, height=7.5 if tube else 5.5, widest=max(16.0, widest))
 
 
-def moved_panel(solution: State, direction: Direction, faces: Sequence[str] | None = None) -> Panel:
-    """The deformed shape, coloured by the displacement."""
+def moved_panel(
+    solution: State,
+    direction: Direction,
+    faces: Sequence[str] | None = None,
+    around: Sequence[Part] | None = None,
+) -> Panel:
+    """The deformed shape, coloured by the displacement, and what is ``around`` it."""
     shown, factor = solution.deformable.deformable_blocks.tolist(), drawing_scale(solution)
     scale = scale_from_zero("|u| [mm]", MOTION_MAP, [_moved(solution, b) for b in shown])
-    values = partial(_moved, solution)
-    view = _view(solution, values, scale, direction, faces=faces, factor=factor)
+    parts = moved_blocks(solution, partial(_moved, solution), scale, faces=faces, factor=factor)
+    view = View([*parts, *(_around(solution) if around is None else around)], direction)
     return Panel(f"deformed shape,\nscale factor {factor:g}", view, scale=scale)
 
 
@@ -211,6 +210,7 @@ def _joint_panels(answer: Answer, direction: Direction) -> list[Panel]:
 def draw_displacement(answer: Answer) -> Figure:
     """Draw the displacement of a tube and its radial part, from the side where it is largest."""
     solution, faces = answer.details, (*_SHELL, "top", "bottom")
+    around = _around(solution)
     assembly = solution.deformable.drawn
     place: Any = answer["max_displacement"].place
     along = quarter((1.0, 0.0, 0.0), np.array(place["position"]) - assembly.origin)
@@ -224,9 +224,10 @@ def draw_displacement(answer: Answer) -> Figure:
     every = [outward(block) for block in solution.deformable.deformable_blocks.tolist()]
     scale = symmetric_scale("outward [mm]", OUTWARD_MAP, every)
     factor = drawing_scale(solution)
-    view = _view(solution, outward, scale, along, faces=faces, factor=factor)
+    parts = moved_blocks(solution, outward, scale, faces=faces, factor=factor)
+    view = View([*parts, *around], along)
     columns = [
-        [moved_panel(solution, along, faces)],
+        [moved_panel(solution, along, faces, around)],
         [Panel(f"radial displacement,\nscale factor {factor:g}", view, scale=scale)],
     ]
     return gallery(columns, f"{answer.title}; displacement", height=8.5)

@@ -15,7 +15,7 @@ from geometry.answer import Answer, Measure
 from geometry.mesh import FloatArray, IntArray
 from validation.errors import InputError
 from validation.output.console import plain_console, tabled
-from validation.output.pictures.assemblies import ring_panel, unrolled_panel
+from validation.output.pictures.assemblies import ring_panels, unrolled_panel
 from validation.output.pictures.bodies import PressedFacets, above_and_below, eye
 from validation.output.pictures.gallery import Panel, gallery, save_figure
 from validation.output.pictures.scales import DIFFERENCE_MAP, PRESSURE_MAP, Scale, scale_from_zero
@@ -199,7 +199,7 @@ def _tube_columns(
     shown = np.concatenate([compared.faces[side] for side in joints])
     label = "contact pressure [MPa]"
     scale = scale_from_zero(label, PRESSURE_MAP, [pressures[shown]], nothing="open joint")
-    panels = [ring_panel(facets, k, scale, compared.layer) for k in joints.values()]
+    panels = ring_panels(facets, scale, compared.layer)
     columns, scales = [panels], [scale]
     for number, (side, lower) in enumerate(joints.items()):
         flat = unrolled_panel(facets, lower, side, scale, title=f"{side} faces: {name}")
