@@ -126,6 +126,8 @@ def test_bars_have_an_arrow_where_values_go_beyond_their_colours() -> None:
     small = symmetric_scale("σ₁ [MPa]", "RdBu_r", [1e-5 * values])
     assert small.words == "σ₁ [10⁻⁶ MPa], min. −10, max. 50"
     assert scale_from_zero("p", "YlGnBu", [values]).beyond == "min"
+    # The end of the bar says what a remark would repeat.
+    assert Scale("p", "YlGnBu", 0.0, 0.5159, (0.0, 0.5161)).words == "p"
     whole = Scale("p", "YlGnBu", 0.0, 1.0, (0.0, 1.0))
     assert (whole.beyond, whole.words) == ("neither", "p")
     assert (whole.of(np.array([-1.0, 2.0])) == whole.of(np.array([0.0, 1.0]))).all()

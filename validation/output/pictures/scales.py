@@ -112,9 +112,13 @@ class Scale:
 
     @property
     def beyond(self) -> str:
-        """At which ends of the bar values lie beyond the colours, as matplotlib names it."""
-        slack = 1e-9 * max(abs(self.low), abs(self.high))
-        below, above = self.reached[0] < self.low - slack, self.reached[1] > self.high + slack
+        """At which ends values lie beyond the colours by a digit, as matplotlib names it."""
+        below, above = (
+            sign * (reached - end) > 0.0 and self.number(reached) != self.number(end)
+            for sign, reached, end in zip(
+                (-1.0, 1.0), self.reached, (self.low, self.high), strict=True
+            )
+        )
         return {(0, 0): "neither", (1, 0): "min", (0, 1): "max", (1, 1): "both"}[below, above]
 
     @property
