@@ -163,6 +163,7 @@ def check(problem: RigidStatement, method: Rigid) -> None:
     """Reject what rigid blocks cannot answer, before any force is sought; errors as `analyse`."""
     blocks, case = problem.rigid_blocks, problem.rigid_load
     check_supports(_held(case))
+    _ = problem.compressive_strength  # materials of different strengths have none
     grows = method.collapse or method.sliding
     if problem.coulomb is not None or grows:
         from mbd.friction.equilibrium import check_coefficients, require_live

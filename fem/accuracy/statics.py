@@ -28,10 +28,12 @@ from fem.accuracy.parts import NOT_ASKED
 from fem.answer.answer import answer_of
 from fem.answer.measures import measures_of
 from fem.element.hexahedron import ElementType
+from fem.element.material import one_strength
 from fem.method import Static, require_method
 from fem.problem import Problem, require_problem
 from fem.state import State
 from fem.static.linear_step.flexibility import FlexibilityStore
+from fem.static.linear_step.linearisation import SparseSolverError, StaticError
 from fem.static.path import LOAD_TOLERANCE
 from fem.static.solve import StaticOptions, static_state
 from fem.system.sector import check_system
@@ -134,6 +136,9 @@ def check_static(problem: Problem, method: Static) -> Problem:
         checked_targets(method.accuracy)
     if _asks_to_refine(method) or not method.error_estimate:
         refines(problem, method)
+    if problem.after is None:
+        for name in ("tensile_strength", "compressive_strength"):
+            one_strength(name, (getattr(material, name) for material in problem.materials))
     check_system(problem.deformable, method.symmetry)
     return problem
 
@@ -146,7 +151,7 @@ def _explained(problem: Problem) -> Iterator[None]:
     """
     try:
         yield
-    except RefusedError as error:
+    except (StaticError, SparseSolverError) as error:
         if error.of_input:
             from mbd.held import explain_unheld
 

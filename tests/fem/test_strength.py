@@ -20,6 +20,7 @@ from geometry.loads import face_pressure
 from geometry.machine.work import LimitError
 from tests.fixtures.commands import small_meshes
 from tests.support.coarse_tubes import coarse, ring
+from validation import Case
 
 TUBE = coarse(2, 2)
 
@@ -120,7 +121,7 @@ def test_strengths_that_cannot_be_used_are_rejected() -> None:
     other = replace(problem.materials[0], tensile_strength=2.0)
     mixed = replace(problem, material=[*problem.materials[:-1], other])
     with pytest.raises(RefusedError, match="tensile_strength: got different ones"):
-        solve_static(mixed, Static(mesh="scene", error_estimate=False))
+        Case(mixed, Static(mesh="scene", error_estimate=False)).check()
 
 
 @pytest.mark.quick
