@@ -307,19 +307,20 @@ def _unit_largest(direction: FloatArray) -> FloatArray:
     return direction / largest
 
 
-def _checked_mechanism(
-    contacts: FrictionalContacts, direction: FloatArray, load: FloatArray
+def _certified(
+    contacts: FrictionalContacts, dual: FloatArray, load: FloatArray, closing: float = 0.0
 ) -> tuple[FloatArray, float, float] | None:
-    """Direction, work and least contact work, if they certify that the load is not carried."""
-    direction = contacts.admissible(_unit_largest(direction))
+    """Motion along a dual or against it, its work and the least contact work; None: no mechanism.
+
+    No contact force may do more negative work than ``closing``, or than its part of the work.
+    """
+    direction = contacts.admissible(_unit_largest(dual))
     size = float(np.linalg.norm(direction))
-    if size == 0.0:
-        return None
-    unit = direction / size
-    work = float(load @ unit) / float(np.linalg.norm(load))
-    least = float(contacts.smallest_work(unit).min(initial=0.0))
-    if work > 0.0 and least >= -CERTIFICATE_TOLERANCE * work:
-        return unit, work, least
+    for unit in (direction / size, -direction / size) if size else ():
+        work = float(load @ unit) / float(np.linalg.norm(load))
+        least = float(contacts.smallest_work(unit).min(initial=0.0))
+        if work > 0.0 and least >= -max(closing, CERTIFICATE_TOLERANCE * work):
+            return unit, work, least
     return None
 
 
@@ -343,16 +344,16 @@ def frictional_equilibrium(
     if residual <= EQUILIBRIUM_TOLERANCE:
         status = "forces within the friction cones balance the load (statically admissible), "
         return answer(holds=True, status=f"{status}relative residual {residual:.1e}")
-    for candidate in (direction, -direction):
-        checked = _checked_mechanism(contacts, candidate, unit)
-        if checked is not None:
-            return answer(
-                mechanism=checked[0],
-                work=checked[1],
-                smallest_contact_work=checked[2],
-                status="not statically admissible: the load sets blocks in motion, and friction "
-                "does not stop them (see the certificate)",
-            )
+    certified = _certified(contacts, direction, unit)
+    if certified is not None:
+        mechanism, work, least = certified
+        return answer(
+            mechanism=mechanism,
+            work=work,
+            smallest_contact_work=least,
+            status="not statically admissible: the load sets blocks in motion, and friction "
+            "does not stop them (see the certificate)",
+        )
     return answer(
         status=f"undecided: residual {residual:.1e} and no certified mechanism; the load is at "
         "the limit of what the contacts carry: change it or the friction slightly"
@@ -458,19 +459,15 @@ def collapse_load(contacts: FrictionalContacts, dead: FloatArray, live: FloatArr
     residual = float(np.linalg.norm(contacts.matrix @ forces.ravel() + total))
     residual /= max(float(np.linalg.norm(total)), 1e-300)
     answer = partial(CollapseLoad, factor=factor, forces=forces, residual=residual)
-    dual = contacts.admissible(dual)
-    for direction in (dual, -dual):
-        if float(live @ direction) <= 0.0:
-            continue
-        unit = direction / np.linalg.norm(direction)
-        least = float(contacts.smallest_work(unit).min(initial=0.0))
-        if least >= -1e-5:
-            return answer(
-                upper_bound=-float(dead @ unit) / float(live @ unit),
-                mechanism=unit,
-                smallest_contact_work=least,
-                status=f"collapse load factor {factor:.6g} (limit analysis)",
-            )
+    certified = _certified(contacts, dual, live, 1e-5)
+    if certified is not None:
+        unit, _, least = certified
+        return answer(
+            upper_bound=-float(dead @ unit) / float(live @ unit),
+            mechanism=unit,
+            smallest_contact_work=least,
+            status=f"collapse load factor {factor:.6g} (limit analysis)",
+        )
     return answer(status=f"load factor of at least {factor:.6g}; no mechanism was certified")
 
 
@@ -484,5 +481,4 @@ def _largest_factor(
     solution = least_forces(contacts, dead / scale, cost=cost, live=live / size, work=Work())
     x = _bounded(solution.x)
     forces = scale * contacts.projected(x[:-1].reshape(-1, 3))
-    dual = _unit_largest(np.asarray(solution.z)[: len(live)])
-    return float(x[-1]) * scale / size, forces, dual
+    return float(x[-1]) * scale / size, forces, np.asarray(solution.z)[: len(live)]
