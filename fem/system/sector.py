@@ -148,7 +148,7 @@ def vectors_in_all_sectors(
     orbits, surfaces = system.orbits, system.surfaces
     values = vectors.reshape(-1, 3)[orbits.point_of]
     stands = orbits.facets[orbits.point_of[:, 0] // surfaces.basis.n_points]
-    frames, swapped = system.frames, orbits.swapped
+    frames, swapped = system.frames.axes, orbits.swapped
     # Alike in the frames of their blocks that deform; where blocks have changed places it acts on
     # the other one.
     on_m = system.group_of[surfaces.block_s[stands]] < 0
@@ -375,7 +375,7 @@ def _with_facets(system: System, orbits: Orbits) -> Orbits:
     position = np.searchsorted(facets, first)[which.ravel()]
     # Points go with corners. Where master and opposing block have changed places, the image's
     # corners are those of the representative's opposing facet, in another order.
-    nodes = system.in_sector(orbits).alike_nodes
+    nodes = system.in_sector(orbits).frames.nodes
     quads_m, quads_s = (
         nodes[blocks[:, None], quads[:, basis.corners]] for blocks, _, quads in sides
     )

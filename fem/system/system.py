@@ -11,6 +11,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 
@@ -56,6 +57,17 @@ class TurnedOver:
     """Node of each shape onto which it takes each node, (n_nodes,)."""
     facets: tuple[IntArray, ...]
     """The same of its contact facets."""
+
+
+class BlockFrames(NamedTuple):
+    """Frames of the representatives of all blocks, and their nodes."""
+
+    axes: FloatArray
+    """From each to the world, (n_blocks, 3, 3)."""
+    origins: FloatArray
+    """(n_blocks, 3) [mm]"""
+    nodes: IntArray
+    """Node of the representative for each node of a block, (n_blocks, most nodes of one)."""
 
 
 @dataclass(frozen=True)
@@ -222,44 +234,27 @@ class System:
         return np.cumsum([0, *sizes], dtype=np.int64)
 
     @cached_property
-    def frames(self) -> FloatArray:
-        """From the frame of each block's representative to the world, (n_blocks, 3, 3)."""
+    def frames(self) -> BlockFrames:
+        """Of the representative of each block, in the place of the block."""
         assembly, over = self.assembly, self.orbits.over
-        if over is None:
-            return assembly.rotations
-        turns = np.stack(over.rotations)[assembly.shape_of]
-        return np.where(over.blocks[:, None, None], assembly.rotations @ turns, assembly.rotations)
-
-    @cached_property
-    def origins(self) -> FloatArray:
-        """Origin of the frame of each block's representative, (n_blocks, 3) [mm]."""
-        assembly, over = self.assembly, self.orbits.over
-        origins = assembly.translations + self.offsets
-        for block in () if over is None else np.flatnonzero(over.blocks).tolist():
-            assert over is not None
-            shape, nodes = int(assembly.shape_of[block]), assembly.shape(block).mesh.nodes
-            shift = nodes[over.nodes[shape][0]] - over.rotations[shape] @ nodes[0]
-            origins[block] -= self.frames[block] @ shift
-        return origins
-
-    @cached_property
-    def alike_nodes(self) -> IntArray:
-        """Node of its representative for each node of a block, (n_blocks, most nodes of one)."""
-        assembly, over = self.assembly, self.orbits.over
+        axes, origins = assembly.rotations.copy(), assembly.translations + self.offsets
         every = np.arange(max(shape.mesh.n_nodes for shape in assembly.shapes))
-        result = np.tile(every, (assembly.n_blocks, 1))
-        for block in () if over is None else np.flatnonzero(over.blocks).tolist():
-            assert over is not None
-            onto = over.nodes[assembly.shape_of[block]]
-            result[block, : len(onto)] = onto
-        return result
+        nodes = np.tile(every, (assembly.n_blocks, 1))
+        if over is not None:
+            for block in np.flatnonzero(over.blocks).tolist():
+                shape, own = int(assembly.shape_of[block]), assembly.shape(block).mesh.nodes
+                turn, onto = over.rotations[shape], over.nodes[shape]
+                axes[block] = axes[block] @ turn
+                origins[block] -= axes[block] @ (own[onto[0]] - turn @ own[0])
+                nodes[block, : len(onto)] = onto
+        return BlockFrames(axes, origins, nodes)
 
     @cached_property
     def rows(self) -> IntArray:
         """Row of the state of each node of a block, `n_nodes` of rigid ones, alike."""
         # A slot of -1 is that beyond the last.
         first = self.node_start[self.slot_of]
-        return np.minimum(self.alike_nodes + first[:, None], self.n_nodes)
+        return np.minimum(self.frames.nodes + first[:, None], self.n_nodes)
 
     @cached_property
     def points(self) -> ContactPoints:
@@ -272,7 +267,7 @@ class System:
         return replace(
             points,
             rows=np.concatenate([self.rows[of[:, None], quads] for of, quads in sides], axis=1),
-            axes=np.stack([self.frames[of] for of, _ in sides], axis=1),
+            axes=np.stack([self.frames.axes[of] for of, _ in sides], axis=1),
             n_rows=self.n_nodes,
             sides=points.sides if self.contact.friction else points.sides[:, :, :0],
         )
@@ -389,7 +384,7 @@ class System:
         result = [np.zeros((body.n_copies, body.n_nodes, 3)) for body in self.bodies]
         for block in self.deformable_blocks.tolist():
             local = displacement[self.rows[block, : self.body_of(block).n_nodes]]
-            result[self.group_of[block]][self.copy_of[block]] = local @ self.frames[block].T
+            result[self.group_of[block]][self.copy_of[block]] = local @ self.frames.axes[block].T
         return result
 
 

@@ -111,14 +111,12 @@ def _seen(
     Contact favours neither side: with the blocks ``swapped`` it is the same, but seen from the
     other one corners run the other way round.
     """
-    points, frames, origins = system.points, system.frames, system.origins
+    points, (frames, origins, alike) = system.points, system.frames
     corners = np.array([0, 3, 2, 1] if swapped else [0, 1, 2, 3])
     sides = [(points.block_m[facets], points.quads_m), (points.block_s[facets], points.quads_s)]
     sides = sides[::-1] if swapped else sides
     m, s = (int(blocks[0]) for blocks, _ in sides)
-    both = [
-        system.alike_nodes[blocks[:, None], quads[facets][:, corners]] for blocks, quads in sides
-    ]
+    both = [alike[blocks[:, None], quads[facets][:, corners]] for blocks, quads in sides]
     turn = (both[0].argmin(axis=1)[:, None] + np.arange(4)) % 4
     quads = np.stack([np.take_along_axis(of, turn, axis=1) for of in both], axis=1)
     order = np.lexsort(quads[:, 0].T[::-1])
