@@ -41,10 +41,3 @@ def test_a_refinement_is_the_difference_of_two_answers(tubelock) -> None:  # typ
 
 def value(measure: float | dict[str, float]) -> float:
     return measure["value"] if isinstance(measure, dict) else measure
-
-
-@pytest.mark.parametrize("scene", ["cubes", "voxel-puzzle"])
-def test_blocks_without_a_mesh_are_refused(tubelock, scene: str) -> None:  # type: ignore[no-untyped-def]
-    status, _, err = tubelock("mbd", scene, "--refine")
-    assert status == 2
-    assert "no mesh that could be refined" in err

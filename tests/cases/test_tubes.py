@@ -58,13 +58,6 @@ def test_steps_of_a_comparison_have_the_friction_of_the_scene() -> None:
 
 
 @pytest.mark.slow
-def test_sector_is_refused_where_the_load_breaks_it(tubelock) -> None:
-    status, _, err = tubelock("fem", "tsb1-beam", *SETTINGS, "--set", "fem.symmetry=sector")
-    assert status == 2
-    assert "not the same on every block" in err
-
-
-@pytest.mark.slow
 @pytest.mark.usefixtures("undrawn")
 def test_json_and_files_of_a_static_tube(tubelock) -> None:
     on_mesh = (*SETTINGS, "--set", "fem.mesh=scene")

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-import re
 import time
 from itertools import count
 from pathlib import Path
@@ -34,51 +33,12 @@ from fem.accuracy.ladder import (
     graded_to_both_ends,
     graded_to_one_end,
 )
-from fem.static.path import LOAD_TOLERANCE
-from fem.static.problem import StaticOptions
-from fem.static.solve import path_change, static_state
 from geometry import Measure
 from tests.fixtures.commands import small_meshes
-from tests.support.coarse_tubes import pressed
-from tests.support.commands import command
 from tests.support.own_blocks import column
 from tests.support.references import references
 from tests.support.stated import stated
 from validation import load_case, solve
-
-
-def refused(*asked: str) -> str:
-    """What ``tubelock fem`` says about accuracies, in one line."""
-    words = [word for text in asked for word in ("--accuracy", text)]
-    status, out, said = command("fem", "tsb1-pipe", *words, "--json", "-")
-    assert (status, out, said.count("\n")) == (2, "", 1)
-    return said
-
-
-def test_a_finer_mesh_takes_the_load_steps_that_the_one_before_needed() -> None:
-    """Half as many change pressures and displacements on it by no more than is tolerated, too."""
-    problem = pressed(friction=0.3)
-    rungs = [Rung(degree, 12, 1, 2, 1.0, 1.0) for degree in (1, 2, 3)]
-    first, second, third = climbed(problem, rungs)
-    assert first.load_steps is None
-    assert second.load_steps == third.load_steps == third.state.evidence.load_steps
-    assert second.numbers.steps == third.numbers.steps
-    half = static_state(third.problem.deformable, StaticOptions(load_steps=third.load_steps // 2))
-    assert 0.0 < path_change(half, third.state) <= LOAD_TOLERANCE
-
-
-@pytest.mark.parametrize("text", ["1%", "weight=1%", "p_eff"])
-def test_what_is_no_measure_is_refused(text: str) -> None:
-    assert "expected QUANTITY=SHARE" in refused(text)
-
-
-@pytest.mark.parametrize(("text", "words"), [("0%", ""), ("120%", ""), ("x", ""), ("3", "missing")])
-def test_what_is_no_share_is_refused(text: str, words: str) -> None:
-    assert re.search(f"expected a share between 0 and 100 %.*{words}", refused(f"p_eff={text}"))
-
-
-def test_a_quantity_is_asked_once() -> None:
-    assert "requested twice" in refused("u=1%", "max_displacement=2%")
 
 
 def test_error_bars_are_compared_relatively() -> None:

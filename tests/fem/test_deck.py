@@ -295,26 +295,6 @@ def test_header_lists_every_difference(tubelock) -> None:
 # Bad input
 
 
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (
-            ["export", "tsb1-pipe", "-o", "/proc/nowhere/a.inp", *SMALL],
-            "cannot be written",
-        ),
-        (["deck", "/proc"], "is a folder"),
-    ],
-)
-def test_bad_input_gives_one_line_and_status_2(tubelock, arguments, message) -> None:
-    status, out, err = tubelock(*arguments)
-    assert status == 2
-    assert out == ""
-    assert err.startswith("error: ")
-    assert err.count("\n") == 1
-    assert message in err
-    assert not list(Path().iterdir())
-
-
 def test_a_truncated_deck_leaves_nothing_behind(tubelock) -> None:
     tubelock("export", "tsb1-pipe", *SMALL, "-o", "a.inp")
     text = Path("a.inp").read_text()

@@ -14,7 +14,6 @@ from fem.static.solve import StaticMethod, StaticOptions, static_state
 from fem.system.contact_state import corner_displacements
 from geometry import Answer
 from tests.support.answers import on_its_mesh
-from tests.support.commands import command
 from tests.support.fem_problems import pair_resultants
 from validation import Case, load_case
 
@@ -196,10 +195,3 @@ def test_hexagon_blocks_have_a_cell() -> None:
     )
     few, many = distances("thb0-tunnel", (2, 12), *mesh)
     assert abs(many[1]) < 0.8 * abs(few[1])
-
-
-@pytest.mark.parametrize("asked", ["compare", "effects", "cost"])
-def test_commands_that_need_the_whole_tube_refuse_a_cell(asked: str) -> None:
-    status, out, err = command(asked, "tsb1-pipe", *(f"--set={s}" for s in CELL), "--json", "-")
-    assert (status, out, err.count("\n")) == (2, "", 1)
-    assert "needs the whole tube" in err

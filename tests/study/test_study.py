@@ -533,8 +533,6 @@ def test_sweep_on_the_command_line(walls, reference, tmp_path, tubelock) -> None
     assert "16, of which 0 computed now" in out
     assert "4; the first, design 3: load.layer: got 9" in out
     for arguments, message in (
-        (["paper-48"], "did you mean paper-480"),
-        (["nothing.toml"], "no such file"),
         (["walls.toml", "--csv", "/proc/nowhere/x.csv"], "cannot be written"),
         (["walls.toml", "--plot", "load.presure", "p_max"], "does not vary in walls"),
         (["walls.toml", "-o", "walls.toml"], "is a file that this call reads"),
