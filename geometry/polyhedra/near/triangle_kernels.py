@@ -38,40 +38,52 @@ def _sort_second(pairs, first, last):
 
 
 @njit(cache=True)
+def _next_leaf(low, high, group, tree, tree_group, stack, top):
+    """Next leaf of a walk down a tree whose box meets another, unless both are of one group.
+
+    The first ``top`` nodes of the stack wait. Returns the number of the leaf, -1 at the end, and
+    how many wait then. A box of group -1 is of none; one with a number that is none meets nothing.
+    """
+    first_leaf = len(tree) // 2
+    while top > 0:
+        top -= 1
+        node = stack[top]
+        if not (
+            low[0] <= tree[node, 3]
+            and low[1] <= tree[node, 4]
+            and low[2] <= tree[node, 5]
+            and high[0] >= tree[node, 0]
+            and high[1] >= tree[node, 1]
+            and high[2] >= tree[node, 2]
+        ) or (group >= 0 and tree_group[node] == group):
+            continue
+        if node >= first_leaf:
+            return node - first_leaf, top
+        stack[top] = 2 * node + 2
+        stack[top + 1] = 2 * node + 1
+        top += 2
+    return -1, 0
+
+
+@njit(cache=True)
 def boxes_in_tree(boxes, group, tree, tree_group, order, stack, pairs):
     """Count, and store as far as there is room, pairs of a box and one of a tree that overlap.
 
     Trees, groups and the order of pairs as in `geometry.polyhedra.near.box_tree.BoxTree`;
     ``stack`` is room for `DEEPEST` nodes.
     """
-    first_leaf = len(tree) // 2
     result = 0
     for i in range(len(boxes)):
         mine = result
+        low, high = (boxes[i, 0], boxes[i, 1], boxes[i, 2]), (boxes[i, 3], boxes[i, 4], boxes[i, 5])
         stack[0] = 0
-        top = 1
-        while top > 0:
-            top -= 1
-            node = stack[top]
-            # Comparisons with a number that is none are false: such a box overlaps nothing.
-            if not (
-                boxes[i, 0] <= tree[node, 3]
-                and boxes[i, 1] <= tree[node, 4]
-                and boxes[i, 2] <= tree[node, 5]
-                and boxes[i, 3] >= tree[node, 0]
-                and boxes[i, 4] >= tree[node, 1]
-                and boxes[i, 5] >= tree[node, 2]
-            ) or (group[i] >= 0 and tree_group[node] == group[i]):
-                continue
-            if node < first_leaf:
-                stack[top] = 2 * node + 2
-                stack[top + 1] = 2 * node + 1
-                top += 2
-                continue
+        leaf, top = _next_leaf(low, high, group[i], tree, tree_group, stack, 1)
+        while leaf >= 0:
             if result < len(pairs):
                 pairs[result, 0] = i
-                pairs[result, 1] = order[node - first_leaf]
+                pairs[result, 1] = order[leaf]
             result += 1
+            leaf, top = _next_leaf(low, high, group[i], tree, tree_group, stack, top)
         if result <= len(pairs):
             _sort_second(pairs, mine, result)
     return result
@@ -124,30 +136,17 @@ def segments_in_tree(
     The tree is that of the triangles, as in `boxes_in_tree`; normals may have any length. Segments
     and triangles that share a corner, by its number in ``ends`` and ``triangles``, are no pair.
     """
-    first_leaf = len(tree) // 2
     stack, point = np.empty(DEEPEST, np.int64), np.empty(3)
     result = 0
     for i in range(len(start)):
+        x, y, z = start[i, 0], start[i, 1], start[i, 2]
+        u, v, w = end[i, 0], end[i, 1], end[i, 2]
+        low, high = (min(x, u), min(y, v), min(z, w)), (max(x, u), max(y, v), max(z, w))
         stack[0] = 0
-        top = 1
-        while top > 0:
-            top -= 1
-            node = stack[top]
-            if group[i] >= 0 and tree_group[node] == group[i]:
-                continue
-            near = True
-            for axis in range(3):
-                one, other = start[i, axis], end[i, axis]
-                near &= min(one, other) <= tree[node, axis + 3]
-                near &= max(one, other) >= tree[node, axis]
-            if not near:
-                continue
-            if node < first_leaf:
-                stack[top] = 2 * node + 2
-                stack[top + 1] = 2 * node + 1
-                top += 2
-                continue
-            j = order[node - first_leaf]
+        leaf, top = _next_leaf(low, high, group[i], tree, tree_group, stack, 1)
+        while leaf >= 0:
+            j = order[leaf]
+            leaf, top = _next_leaf(low, high, group[i], tree, tree_group, stack, top)
             shared = False
             for k in range(3):
                 shared |= triangles[j, k] == ends[i, 0] or triangles[j, k] == ends[i, 1]
@@ -189,37 +188,23 @@ def _turns(point, corners):
 
 
 @njit(cache=True)
-def _wound_round(point, corners, tree, order, stack):
+def _wound_round(point, corners, tree, tree_group, order, stack):
     """Whether more triangles above a point face up than down, or nobody can tell."""
-    first_leaf = len(tree) // 2
+    low, high = (point[0], point[1], point[2]), (point[0], point[1], np.inf)
     stack[0] = 0
-    top = 1
     turns = 0
-    while top > 0:
-        top -= 1
-        node = stack[top]
-        if not (
-            point[0] <= tree[node, 3]
-            and point[1] <= tree[node, 4]
-            and point[2] <= tree[node, 5]
-            and point[0] >= tree[node, 0]
-            and point[1] >= tree[node, 1]
-        ):
-            continue
-        if node < first_leaf:
-            stack[top] = 2 * node + 2
-            stack[top + 1] = 2 * node + 1
-            top += 2
-            continue
-        result = _turns(point, corners[order[node - first_leaf]])
+    leaf, top = _next_leaf(low, high, -1, tree, tree_group, stack, 1)
+    while leaf >= 0:
+        result = _turns(point, corners[order[leaf]])
         if result == 2:
             return True
         turns += result
+        leaf, top = _next_leaf(low, high, -1, tree, tree_group, stack, top)
     return turns > 0
 
 
 @njit(cache=True)
-def enclosed_points(points, ways, corners, tree, order, stack, inside):
+def enclosed_points(points, ways, corners, tree, tree_group, order, stack, inside):
     """Determine for each point whether it is inside a closed surface wherever ``ways`` move it.
 
     The tree is that of the triangles, as in `boxes_in_tree`.
@@ -230,7 +215,7 @@ def enclosed_points(points, ways, corners, tree, order, stack, inside):
         for way in range(len(ways)):
             for axis in range(3):
                 moved[axis] = points[i, axis] + ways[way, axis]
-            if not _wound_round(moved, corners, tree, order, stack):
+            if not _wound_round(moved, corners, tree, tree_group, order, stack):
                 inside[i] = False
                 break
 

@@ -269,5 +269,6 @@ def enclosed(points: FloatArray, surface: Surface, margin: float, ways: int = 6)
     """
     inside, stack = np.empty(len(points), dtype=bool), np.empty(DEEPEST, dtype=np.int64)
     tree, shifts = surface.tree, margin * np.concatenate([ASKEW, -ASKEW])[:ways]
-    enclosed_points(points, shifts, surface.corners, tree.boxes, tree.order, stack, inside)
+    of_tree = tree.boxes, tree.group, tree.order
+    enclosed_points(points, shifts, surface.corners, *of_tree, stack, inside)
     return inside
