@@ -11,7 +11,7 @@ import pytest
 
 from tests.support.answers import on_its_mesh
 from validation import load_case
-from validation.output.deformable.fields import FrameWriter
+from validation.output.fields import FrameWriter
 
 COARSE = "mesh.divisions=[4,2,2]"
 

@@ -209,7 +209,7 @@ def _deformable_answer(case: Case, outputs: Outputs, resume: Path | None) -> Ans
     """Answer with frames and a checkpoint in the folder; an interrupted run says how to go on."""
     from validation.case import solve
     from validation.output.console import solver_progress
-    from validation.output.deformable.fields import FrameWriter
+    from validation.output.fields import FrameWriter
 
     files: dict[str, Any] = {}
     if outputs.folder is not None:

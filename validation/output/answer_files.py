@@ -92,7 +92,7 @@ def _write_fields(answer: Answer, path: Path) -> None:
     An answer that was read has no elements of higher degree and no integration points.
     """
     if answer.method != "rigid" and answer.details is not None:
-        from validation.output.deformable.fields import write_solution
+        from validation.output.fields import write_solution
 
         write_solution(answer.details, path)
         return

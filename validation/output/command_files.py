@@ -78,12 +78,12 @@ def _files(answer: Answer) -> Iterator[answer_files.File]:
         rows = list(zip(*columns.values(), strict=True))
         yield "stages", "stages.csv", lambda path: write_csv(path, columns, rows)
     if not rigid and (curves := _push_curves(answer)):
-        from validation.output.pictures.motions import draw_motions
+        from validation.output.pictures.plots import draw_motions
 
         yield "motions", "motions.csv", partial(_write_motions, curves)
         drawn["motions.png"] = partial(draw_motions, answer)
     if not rigid and details.run is not None:
-        from validation.output.pictures.energies import draw_energies
+        from validation.output.pictures.plots import draw_energies
 
         yield "history", "history.csv", partial(_write_history, details.run.history)
         drawn["energies.png"] = partial(draw_energies, answer)

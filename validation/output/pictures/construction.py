@@ -61,6 +61,8 @@ def draw_stages(answer: Answer) -> Figure:
 
     results, assembly = cast("StageResults", answer.parts["stages"]), answer.details.blocks
     chosen = results.shown(_MOST)
+    if len(chosen) > _ROW and len(chosen) % 2:  # no place of two rows is empty
+        chosen = results.shown(len(chosen) - 1)
     sizes = [np.linalg.norm(stage.props, axis=1).max(initial=0.0) for stage in results]
     largest = float(max(sizes, default=0.0)) or 1.0
     whole = blocks(assembly, None, edges=0.25)
@@ -71,10 +73,7 @@ def draw_stages(answer: Answer) -> Figure:
         panels.append(
             Panel(f"stage {stage.number}: {words}{props}", _view(stage, assembly, largest, whole))
         )
-    across = len(panels) if len(panels) <= _ROW else -(-len(panels) // 2)
-    if len(panels) % across:  # a column of one would be as high as both rows
-        shape = panels[-1].aspect
-        panels.append(Panel("", plot=lambda axes: axes.set_axis_off(), shape=shape, bare=True))
+    across = len(panels) if len(panels) <= _ROW or len(panels) % 2 else len(panels) // 2
     columns = [panels[k::across] for k in range(across)]
     colours = {"placed in this stage": ORANGE, "placed before": BLUE, "fixed": GREY}
     if any(stage.stands is Stands.FALLS for stage in chosen):

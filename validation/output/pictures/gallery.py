@@ -128,8 +128,6 @@ class Panel:
     """Draws into axes, where there is no view."""
     shape: float = 1.0
     """Width over height of a plot."""
-    bare: bool = False
-    """Whether a plot has no axes."""
     scale: Scale | None = None
     """Colours of this panel alone: a bar stands below it."""
     note: str = ""
@@ -156,7 +154,7 @@ class Panel:
     @property
     def beside(self) -> tuple[float, float]:
         """Room at the left and at the right of what is drawn [in]."""
-        numbered = self.numbers or (self.plot and not self.bare)
+        numbered = self.numbers or self.plot
         return _NUMBERS[:2] if numbered else (0.0, 0.0)
 
     @property
@@ -168,7 +166,7 @@ class Panel:
     def below_drawing(self) -> float:
         """Room of axes or numbers below what is drawn [in]."""
         if self.numbers or self.plot:
-            return 0.0 if self.bare else _NUMBERS[2]
+            return _NUMBERS[2]
         return _BELOW_VIEW + (0.1 if self.view and self.view.weight is not None else 0.0)
 
     @property

@@ -1,1 +1,0 @@
-"""Deformable answers as text and files."""
