@@ -166,12 +166,17 @@ class SlidingCollapse:
     @property
     def rows(self) -> list[Row]:
         """The factor."""
-        return [Row("non-associated limit load", self.status, finite(self.factor), "", "verdict")]
+        return [Row("non-associated limit load", self.status, self._proved, "", "verdict")]
+
+    @property
+    def _proved(self) -> float | None:
+        """The factor of a certified state; None where there is none."""
+        return finite(self.factor) if self.certified else None
 
     def as_json(self) -> dict[str, Any]:
         """Return plain data."""
         return {
-            "factor": finite(self.factor),
+            "factor": self._proved,
             "associated_factor": finite(self.associated),
             "certified": self.certified,
             "check": None if self.check is None else asdict(self.check),

@@ -20,6 +20,7 @@ from mbd.friction.equilibrium import (
 )
 from mbd.limits.plane import reduced
 from mbd.limits.sliding_collapse import check_sliding, sliding_collapse
+from mbd.options import FrictionLaw
 from mbd.system import Stated
 from tests.verification.closed_forms import body_force, incline
 from tests.verification.printed_numbers import (
@@ -152,6 +153,18 @@ def test_a_foot_that_narrows_to_the_back_tips_about_its_slanted_side(
     assert found["sliding"].certified
     assert found["sliding"].factor == pytest.approx((side - middle[0]) / middle[2], rel=1e-6)
     assert found["collapse"].factor == pytest.approx(found["sliding"].factor, rel=1e-6)
+
+
+@pytest.mark.parametrize("law", FrictionLaw)
+def test_a_factor_that_is_not_certified_is_no_value(law: FrictionLaw) -> None:
+    """Across the tangents the pyramid is weaker than the cone: its forces do not reach the cone."""
+    assembly, across = incline(), ASIDE + np.array([0.0, 0.5, 0.0])
+    contacts = frictional_contacts(assembly, contact_jacobian(assembly), 0.4, law)
+    found = sliding_collapse(contacts, body_force(assembly, DOWN), body_force(assembly, across))
+    (row,) = found.rows
+    assert found.certified is (law is FrictionLaw.PYRAMID)
+    assert (row.value is not None) is found.certified
+    assert found.as_json()["factor"] == row.value
 
 
 def test_loads_that_friction_never_lets_slide_are_said_to_be() -> None:
