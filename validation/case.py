@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import asdict, dataclass, fields, replace
 from functools import cached_property
 from pathlib import Path
@@ -399,9 +400,10 @@ def solve(
         elif isinstance(method, Static):
             from fem.accuracy.statics import solve_static
 
-            answer = solve_static(
-                problem, method, otherwise=otherwise, progress=show, on_frame=on_frame
-            )
+            with _explained(problem):
+                answer = solve_static(
+                    problem, method, otherwise=otherwise, progress=show, on_frame=on_frame
+                )
         else:
             from fem.dynamics import solve_explicit
 
@@ -471,3 +473,21 @@ def refuse_cell(case: Case, command: str) -> None:
             f'{case.name}: fem.symmetry: got "periodic cell"; `tubelock {command}` needs the whole '
             'tube: expected "auto"'
         )
+
+
+@contextmanager
+def _explained(problem: Problem) -> Iterator[None]:
+    """Say what lets blocks move where no equilibrium is found, as rigid blocks tell.
+
+    A limit of work or time says nothing of the blocks.
+    """
+    from fem.static.linear_step.linearisation import SparseSolverError, StaticError
+
+    try:
+        yield
+    except (StaticError, SparseSolverError) as error:
+        if error.of_input:
+            from mbd.held import explain_unheld
+
+            explain_unheld(problem, error)
+        raise

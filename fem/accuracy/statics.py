@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager, suppress
+from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import TYPE_CHECKING, Any
@@ -33,7 +33,6 @@ from fem.method import Static, require_method
 from fem.problem import Problem, require_problem
 from fem.state import State
 from fem.static.linear_step.flexibility import FlexibilityStore
-from fem.static.linear_step.linearisation import SparseSolverError, StaticError
 from fem.static.path import LOAD_TOLERANCE
 from fem.static.solve import StaticOptions, static_state
 from fem.system.sector import check_system
@@ -101,8 +100,9 @@ def solve_static(
         turn with them), here or in a problem before; or nothing acts.
     AccuracyError
         A requested accuracy of a problem that cannot be refined.
-    StaticError, UnheldError
-        No equilibrium exists, or none was found; which blocks move, where rigid blocks tell.
+    StaticError
+        No equilibrium exists, or none was found. `validation.solve` says which blocks move, where
+        rigid blocks tell.
     ContactError
         Blocks overlap at the start by more than the contact law covers.
     DeformableAssemblyError
@@ -117,7 +117,7 @@ def solve_static(
         watch.lap("build")
         follower = _Follower(watch, progress or (lambda _: None), on_frame)
         work = most_work(problem, method, finer=finer)
-        with budget(work, memory=method.max_memory) as spent, _explained(problem):
+        with budget(work, memory=method.max_memory) as spent:
             answer = _answer(
                 problem, method, store, follower, sought=otherwise, work=work, finer=finer
             )
@@ -141,22 +141,6 @@ def check_static(problem: Problem, method: Static) -> Problem:
             one_strength(name, (getattr(material, name) for material in problem.materials))
     check_system(problem.deformable, method.symmetry)
     return problem
-
-
-@contextmanager
-def _explained(problem: Problem) -> Iterator[None]:
-    """Say what lets blocks move where no equilibrium is found, as rigid blocks tell.
-
-    A limit of work or time says nothing of the blocks.
-    """
-    try:
-        yield
-    except (StaticError, SparseSolverError) as error:
-        if error.of_input:
-            from mbd.held import explain_unheld
-
-            explain_unheld(problem, error)
-        raise
 
 
 def _asks_to_refine(method: Static) -> bool:

@@ -5,9 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from fem import Static, solve_static
+from fem import Static
 from fem.accuracy import statics
-from geometry import RefusedError
 from tests.support.answers import on_its_mesh
 from validation import Case, InputError, load_case, solve
 
@@ -88,15 +87,6 @@ def test_points_inside_the_edges_are_named_where_they_decide() -> None:
         with pytest.raises(InputError, match="block 1 tips on block 0") as refused:
             on_its_mesh(case)
         assert "finer mesh" in str(refused.value)
-
-
-def test_the_solver_alone_says_what_a_case_does() -> None:
-    problem, method = _pile(3.0, 0.3).problem, Static(mesh="scene")
-    with pytest.raises(InputError) as by_case:
-        solve(Case(problem, method, "mine"))
-    with pytest.raises(RefusedError) as alone:
-        solve_static(problem, method)
-    assert str(by_case.value) == f"mine: {alone.value}"
 
 
 def test_a_problem_made_in_python_is_refused_alike(monkeypatch: pytest.MonkeyPatch) -> None:
