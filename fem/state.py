@@ -22,7 +22,7 @@ from fem.system.system import System
 from geometry.mesh import FloatArray, IntArray, ReadOnlyArrays, read_only
 
 if TYPE_CHECKING:
-    from fem.explicit.solve import Run
+    from fem.explicit.run import Run
 
 _T = TypeVar("_T")
 

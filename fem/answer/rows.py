@@ -27,7 +27,7 @@ from geometry.parts.rows import Row, grouped, number
 from geometry.parts.walls import has_faces
 
 if TYPE_CHECKING:
-    from fem.explicit.solve import Run
+    from fem.explicit.run import Run
     from fem.system.reactions import PushCurve
 
 #: Measures that answer what is asked first: pressure, tension, displacement.

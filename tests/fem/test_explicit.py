@@ -11,7 +11,8 @@ import pytest
 
 from fem import ElementType
 from fem.explicit.output.checkpoint import CheckpointError, content_digest
-from fem.explicit.solve import Output, Status, UnstableRun
+from fem.explicit.run import Status
+from fem.explicit.solve import Output, UnstableRun
 from fem.explicit.state import StateError
 from fem.explicit.timed import TimedSystem
 from fem.system.body import ModelError, placed_body

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from fem.answer.pressures import contact_measures
-from fem.explicit.solve import Status
+from fem.explicit.run import Status
 from fem.static.solve import StaticMethod, StaticOptions, static_state
 from fem.system.contact_state import corner_displacements
 from geometry import Answer

@@ -9,13 +9,13 @@ import pytest
 from fem import ExponentialLaw, Frames, LinearPenalty, Material, Problem, concrete
 from fem.answer.motion import unrestrained_blocks
 from fem.explicit.output.energy import COLUMNS
+from fem.explicit.run import Status
 from fem.explicit.setup.quasi_static import (
     block_frequencies,
     motions_about_centroid,
     quasi_static_report,
 )
 from fem.explicit.setup.timed_system import timed_system
-from fem.explicit.solve import Status
 from fem.static.solve import static_state
 from fem.system.effects import AdaptiveMassDamping, BulkViscosity, Effects, RayleighDamping
 from geometry.families.boxes import BrickStack, ColumnBox, box_column

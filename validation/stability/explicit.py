@@ -9,11 +9,11 @@ import numpy as np
 
 from fem.contact.law import ExponentialLaw, LinearPenalty
 from fem.explicit.output.energy import History, energies
+from fem.explicit.run import Run
 from fem.explicit.setup.quasi_static import quasi_static_report
 from fem.explicit.setup.timed_system import timed_system
 from fem.explicit.solve import (
     LARGEST_IMBALANCE,
-    Run,
     UnstableRun,
     run_explicit,
 )
