@@ -17,6 +17,7 @@ from validation.scene.combinations import combined
 from validation.scene.deformable import METHODS
 from validation.scene.family import RoundScene
 from validation.scene.keys.idle import KeyUse
+from validation.scene.keys.numbers import Number, numbers_in
 from validation.scene.keys.quantities import unit_of_key
 from validation.scene.keys.toml_text import flat, toml_value
 from validation.scene.read import (
@@ -208,6 +209,15 @@ class Case:
         """Unit of a key of its scene; empty where it has none."""
         unit = unit_of_key(self.scene, key)
         return "" if unit is None else unit.name
+
+    def numbers(self, *sections: str) -> list[Number]:
+        """Numbers that its scene has in some sections, parts of lists and vectors among them."""
+        return [n for name in sections for n in numbers_in(getattr(self.scene, name, None), name)]
+
+    @property
+    def frames_may_lock(self) -> bool:
+        """Whether frames at both ends may lock a short assembly whose blocks alone are not."""
+        return self.scene.frames_may_lock
 
     @property
     def combinations(self) -> tuple[str, ...]:

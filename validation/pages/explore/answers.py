@@ -8,7 +8,7 @@ import math
 import tempfile
 import time
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -17,7 +17,7 @@ import numpy as np
 
 from geometry.answer import Answer
 from geometry.errors import RefusedError
-from validation.case import Case, load_case, solve
+from validation.case import Case, solve
 from validation.errors import InputError
 from validation.output.command_files import is_meshed, pictures
 from validation.output.pictures.canvas import View
@@ -64,7 +64,7 @@ def rigid_shown(file: Case) -> tuple[Answer, Shown]:
         "verdicts": found,
         "rows": run.table.as_json(),
         "ignored": ignored,
-        "note": _FRAMES if file.scene.frames_may_lock else "",
+        "note": _FRAMES if file.frames_may_lock else "",
         "mesh": _mesh_words(run),
         "milliseconds": 1e3 * (time.process_time() - start),
     }
@@ -73,9 +73,9 @@ def rigid_shown(file: Case) -> tuple[Answer, Shown]:
 
 def _mesh_words(run: Answer) -> str:
     """Facets of a block, where there is a mesh."""
-    mesh = getattr(run.case.scene, "mesh", None)
-    words = getattr(mesh, "words", "") if is_meshed(run) else ""
-    return words or f"{run.details.n_contacts} contact points"
+    counts = run.case.element_counts.items() if is_meshed(run) else ()
+    words = (f"{' × '.join(map(str, np.atleast_1d(n)))} {name}" for name, n in counts)
+    return ", ".join(words) or f"{run.details.n_contacts} contact points"
 
 
 def camera(drawn: View, view: Mapping[str, Any]) -> tuple[View, dict[str, float]]:
@@ -137,8 +137,8 @@ def _bar(scale: Scale | None) -> dict[str, Any] | None:
 # Deformable blocks
 
 
-def solve_deformable(connection: Any, name: str, data: Mapping[str, Any]) -> None:
-    """Solve a scene in a process of its own; send its progress, and what is shown at the end.
+def solve_deformable(connection: Any, file: Case) -> None:
+    """Solve a case in a process of its own; send its progress, and what is shown at the end.
 
     What is sent are pairs: ``progress`` or ``failed`` with a line, ``done`` with a `Shown`.
     """
@@ -146,7 +146,6 @@ def solve_deformable(connection: Any, name: str, data: Mapping[str, Any]) -> Non
 
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the server ends this process
     try:
-        file = replace(load_case(data), name=name)
         connection.send(("done", _deformable_shown(file, partial(_send, connection))))
     except RefusedError as error:
         connection.send(("failed", str(error)))

@@ -173,10 +173,9 @@ class _Channel(WebSocketHandler):
     def _start(self) -> None:
         """Solve the current scene in a process of its own."""
         ours, theirs = multiprocessing.Pipe(duplex=False)
-        data = self.current.keys
         self.process = multiprocessing.get_context("spawn").Process(
             target=solve_deformable,
-            args=(theirs, self.file.name, data),
+            args=(theirs, self.current),
             daemon=True,
         )
         self.process.start()

@@ -3,29 +3,23 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from typing import Any
-
-from annotated_types import Ge
 
 from geometry.loads import CASES
 from validation.case import Case
 from validation.errors import InputError
-from validation.scene.families.sine import TubeScene
-from validation.scene.family import AssemblyScene
-from validation.scene.keys.docstrings import field_docstrings
-from validation.scene.keys.quantities import unit_of
-from validation.scene.read import check_scene
-from validation.scene.sections import Section, TubeLoadSection
+from validation.scene.keys.numbers import Number
 
 #: Sections whose numbers have sliders.
 _SECTIONS = ("block", "assembly", "load", "loads", "limits")
+_FRICTION = "effects.friction.coefficient"
 #: Least, largest value and step of keys whose value says nothing of their range.
 _RANGES = {
     "block.frequency": (0.5, 4.0, 0.5),
     "block.shift": (0.0, 1.0, 0.125),
-    "effects.friction.coefficient": (0.0, 1.0, 0.05),
+    _FRICTION: (0.0, 1.0, 0.05),
     "limits.steepest_joint": (5.0, 90.0, 1.0),
 }
 #: Steps between the least and the largest value, at least.
@@ -79,69 +73,36 @@ class Controls:
 
 def controls(file: Case) -> Controls:
     """Find the sliders of a scene, and its load cases."""
-    scene = file.scene
-    found = []
-    for name in _SECTIONS:
-        found += list(_sliders(scene.__dict__.get(name), name))
-    friction = scene.effects.friction
-    if friction is not None:
-        key, value = "effects.friction.coefficient", friction.coefficient
-        found += list(_slider(key, ("friction", ""), value, 0.0))
-    load = scene.__dict__.get("load")
-    if isinstance(scene, AssemblyScene) and isinstance(load, TubeLoadSection):
-        return Controls(tuple(found), tuple(CASES), load.case)
-    return Controls(tuple(found))
+    numbers = file.numbers(*_SECTIONS)
+    if (coefficient := file.values.get(_FRICTION)) is not None:
+        numbers.append(Number(_FRICTION, "friction", "", coefficient, 0.0))
+    sliders = tuple(slider for slider in map(_slider, numbers) if slider is not None)
+    case = file.values.get("load.case", "")
+    return Controls(sliders, tuple(CASES) if case else (), case)
 
 
-def _sliders(section: Any, place: str) -> Iterator[Slider]:
-    """Sliders for the numbers of a section or of a list of them, parts of vectors too."""
-    if isinstance(section, tuple):
-        for k, one in enumerate(section):
-            yield from _sliders(one, f"{place}.{k}")
-    if not isinstance(section, Section):
-        return
-    about = field_docstrings(type(section))
-    for name, field in type(section).model_fields.items():
-        value = section.__dict__[name]
-        unit = unit_of(about.get(name, ""))
-        words = name.replace("_", " "), "" if unit is None else unit.name
-        limits = [part.ge for part in field.metadata if isinstance(part, Ge)]
-        least = min(limits, default=None)  # type: ignore[type-var]
-        if isinstance(value, tuple) and all(isinstance(v, float) for v in value):
-            for k, part in enumerate(value):
-                yield from _slider(
-                    f"{place}.{name}.{k}", (f"{words[0]} {'xyz'[k % 3]}", words[1]), part, least
-                )
-        elif isinstance(value, tuple):
-            yield from _sliders(value, f"{place}.{name}")
-        else:
-            yield from _slider(f"{place}.{name}", words, value, least)
-
-
-def _slider(key: str, words: tuple[str, str], value: Any, least: Any) -> Iterator[Slider]:
+def _slider(of: Number) -> Slider | None:
     """A slider for a number whose range is known or follows from its size."""
-    if isinstance(value, bool) or not isinstance(value, int | float):
-        return
-    whole = isinstance(value, int)
-    if key in _RANGES:
-        low, high, step = _RANGES[key]
+    value, whole = of.value, isinstance(of.value, int)
+    if of.key in _RANGES:
+        low, high, step = _RANGES[of.key]
         low, high = min(low, value), max(high, value)
     elif whole:
-        low, high, step = int(least or 0), max(2 * value, value + 4), 1
+        low, high, step = int(of.least or 0), max(2 * value, value + 4), 1
     elif value:
         size = abs(value)
         step = _round_step(2.0 * size / _STEPS)
-        low = 0.0 if least == 0 else step * math.ceil(0.25 * size / step)
+        low = 0.0 if of.least == 0 else step * math.ceil(0.25 * size / step)
         high = step * math.ceil(2.0 * size / step)
         if value < 0.0:
             low, high = -high, -low
     else:
-        return
+        return None
     # The value of the scene is one that the slider can stand at.
     steps = (value - low) / step
     if abs(steps - round(steps)) > 1e-6:
         low = value - math.floor(steps) * step
-    yield Slider(key, *words, low, high, step, value, whole)
+    return Slider(of.key, of.title, of.unit, low, high, step, value, whole)
 
 
 def _round_step(most: float) -> float:
@@ -151,42 +112,45 @@ def _round_step(most: float) -> float:
 
 
 def changed(file: Case, known: Controls, values: Mapping[str, Any], *, coarse: bool) -> Case:
-    """Scene with the values of a page, on its own facets or on coarse ones."""
-    data = file.keys
-    every = file.scene.model_dump(mode="json")
-    sliders = {slider.key: slider for slider in known.sliders}
+    """Return the case with the values of a page, on its own facets or on coarse ones."""
+    sliders, stated = {slider.key: slider for slider in known.sliders}, file.values
+    changes: dict[str, Any] = {}
     for key, value in values.items():
         if key == "load.case" and value in known.cases:
-            data["load"]["case"] = value
+            changes[key] = value
         elif key in sliders:
-            _put(data, every, key.split("."), sliders[key].checked(value))
+            place, parts = _place(key)
+            one = sliders[key].checked(value)
+            changes[place] = _with(changes.get(place, stated.get(place)), parts, one)
         else:
             names = ", ".join(sliders)
             raise InputError(f"{str(key)[:60]}: got a key without a slider; expected {names}")
-    _keep_facets_of_a_wave(file, data)
-    scene = check_scene(data, file.name)
-    if coarse and (mesh := scene.coarse_mesh(*COARSE)):
-        scene = scene.changed({"mesh": mesh})
-    return file.stating(scene)
+    result = file.varied(changes | _facets_of_a_wave(file, changes))
+    mesh = result.coarse_mesh(*COARSE) if coarse else {}
+    return result.varied({"mesh": mesh}) if mesh else result
 
 
-def _put(data: Any, every: Any, keys: list[str], value: float) -> None:
-    """Put a value into plain data, which takes lists that it does not state from all data."""
-    *places, last = keys
-    for key in places:
-        every = every[int(key)] if isinstance(every, list) else every[key]
-        stated = every if isinstance(every, list) else {}
-        data = data[int(key)] if isinstance(data, list) else data.setdefault(key, stated)
-    if isinstance(data, list):
-        data[int(last)] = value
-    else:
-        data[last] = value
+def _place(key: str) -> tuple[str, list[str]]:
+    """Key of a list and what lies in it; a number has a key of its own."""
+    names = key.split(".")
+    count = next((k for k, name in enumerate(names) if name.isdecimal()), len(names))
+    return ".".join(names[:count]), names[count:]
 
 
-def _keep_facets_of_a_wave(file: Case, data: dict[str, Any]) -> None:
+def _with(data: Any, parts: list[str], value: float) -> Any:
+    """Copy of plain data with a value at a place in it."""
+    if not parts:
+        return value
+    first, *others = parts
+    if isinstance(data, Mapping):
+        return {**data, first: _with(data.get(first), others, value)}
+    return [_with(v, others, value) if k == int(first) else v for k, v in enumerate(data)]
+
+
+def _facets_of_a_wave(file: Case, changes: Mapping[str, Any]) -> dict[str, int]:
     """Keep the facets along a wave where another frequency has more or fewer waves."""
-    stated = file.scene
-    if isinstance(stated, TubeScene) and "around" in data.get("mesh", {}):
-        waves, before = round(2 * data["block"]["frequency"]), round(2 * stated.block.frequency)
-        if waves != before and stated.mesh.around % before == 0:
-            data["mesh"]["around"] = waves * stated.mesh.around // before
+    around, frequency = file.keys.get("mesh", {}).get("around"), file.values.get("block.frequency")
+    if around is None or frequency is None:
+        return {}
+    waves, before = round(2 * changes.get("block.frequency", frequency)), round(2 * frequency)
+    return {} if waves == before or around % before else {"mesh.around": waves * around // before}
