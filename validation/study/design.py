@@ -8,7 +8,6 @@ from math import isnan
 from typing import Any, Literal
 
 from geometry.answer import FACTORS, TITLES
-from geometry.parts.dimensions import dimensions
 from mbd.options import Rigid
 from validation.case import Case
 
@@ -103,7 +102,7 @@ def rigid_results(case: Case) -> dict[str, Any]:
         "n_blocks": result.n_blocks,
         "n_contacts": result.n_contacts,
         "iterations": result.equilibrium.iterations,
-        **_built(dimensions(result.blocks).as_json()),
+        **_built(answer.report["dimensions"]),
     }
     if "crushing_factor" in answer.measures:
         row["crushing_factor"] = answer["crushing_factor"].value

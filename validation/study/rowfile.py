@@ -204,12 +204,20 @@ class StudyRows(RowFile):
         self.study = study
         self.status: dict[int, str] = {}
         """``ok`` or ``failed``, by the number of the design."""
+        self._has: set[str] = set()
+        """Of the study's `MEASURES` those that a row has."""
         super().__init__(path)
 
     def _note(self, question: str, row: Mapping[str, Any]) -> None:
         number = self._number(question, row)
         if number is not None:
             self.status[number] = row["status"]
+            results = row["results"]
+            self._has.update(m for m in self._measures if results.get(m) is not None)
+
+    @property
+    def _measures(self) -> tuple[str, ...]:
+        return MEASURES[self.study.quantity]
 
     def _number(self, question: str, row: Mapping[str, Any]) -> int | None:
         """Return the design that a row answers; None: it is a row of something else."""
@@ -271,9 +279,7 @@ class StudyRows(RowFile):
 
     def first_measure(self) -> str | None:
         """Return the first of the study's `MEASURES` that a row has; None where none has any."""
-        measures = MEASURES[self.study.quantity]
-        has = {name for row in self.rows() for name in measures if row.get(name) is not None}
-        return next(filter(has.__contains__, measures), None)
+        return next(filter(self._has.__contains__, self._measures), None)
 
     def ranked(self, most: int, *, status: str) -> list[dict[str, Any]]:
         """Rows of one status, the least value of the first measure first, so many at most."""
