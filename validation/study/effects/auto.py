@@ -18,9 +18,8 @@ from typing import Any
 from fem.accuracy.converge import usual_work
 from fem.method import Explicit, Static
 from fem.state import State
-from fem.static.linear_step.flexibility import FlexibilityStore
 from geometry.errors import RefusedError
-from geometry.machine.work import LimitError, budget
+from geometry.machine.work import budget
 from validation.case import Case
 from validation.errors import InputError
 from validation.scene.deformable import EffectName
@@ -206,7 +205,7 @@ class _Probe:
     def __init__(
         self, case: Case, names: tuple[EffectName, ...], told: Callable[[str], None]
     ) -> None:
-        self._full, self._told, self._store = case, told, FlexibilityStore()
+        self._full, self._told = case, told
         self.case = probe_of(case)
         solved = any(e not in _DAMPING for e in names)
         self.work, self._limit = 0.0, _most_work(case) if solved else 0.0
@@ -217,9 +216,7 @@ class _Probe:
         self._told(what)
         with budget(self._limit - self.work) as spent:
             try:
-                return solve_probe(case, self._store)
-            except LimitError:
-                return None
+                return solve_probe(case)
             finally:
                 self.work += spent.seconds
 

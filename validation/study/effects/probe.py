@@ -11,19 +11,15 @@ from fem.answer.motion import slip
 from fem.answer.pressures import contact_measures
 from fem.method import Explicit
 from fem.state import State
-from fem.static.linear_step.flexibility import FlexibilityStore
-from fem.static.solve import StaticOptions, static_state
 from geometry.errors import RefusedError
-from geometry.machine.work import LimitError
-from validation.case import Case
-from validation.errors import InputError, named
+from validation.case import Case, solve
+from validation.errors import InputError
 from validation.scene.deformable import Method
 
-#: Residual at which a probe stops: three digits beyond what it has to tell.
-_TOLERANCE = 1e-5
 #: Most elements of a block in the probe: four a wave (or an edge), two through the wall, four in
 #: the remaining direction.
 _PER_WAVE, _THROUGH, _OTHER = 4, 2, 4
+_STRENGTHS = ("tensile_strength", "compressive_strength")
 
 
 @dataclass(frozen=True)
@@ -80,21 +76,19 @@ def change(before: Quantities, after: Quantities) -> Change:
     return Change(*map(relative, before.values, after.values))
 
 
-def solve_probe(case: Case, store: FlexibilityStore | None = None) -> State:
-    """Static state of a probe; probes that share a store condense the same blocks once."""
-    with named(case.name):
-        deformable = case.problem.deformable
-    symmetry = 1 if getattr(case.method, "symmetry", "") == "none" else None
-    options = StaticOptions(symmetry=symmetry, tolerance=_TOLERANCE)
+def solve_probe(case: Case) -> State | None:
+    """Static state of a probe; None where a limit of work ends it."""
     try:
-        return static_state(deformable, options, store=store)
-    except LimitError:
-        raise
-    except RefusedError as error:
+        state: State = solve(case).details
+    except InputError as error:
+        if not error.of_input:
+            return None
+        why = str(error).removeprefix(f"{case.name}: ")
         raise InputError(
-            f"{case.name}: effects.auto: the probe has no static state ({error}); expected one "
+            f"{case.name}: effects.auto: the probe has no static state ({why}); expected one "
             "that can be probed: remove effects.auto, and every effect acts as written"
         ) from None
+    return state
 
 
 def probe_of(case: Case) -> Case:
@@ -105,7 +99,11 @@ def probe_of(case: Case) -> Case:
     still: dict[str, Any] = {"rayleigh": None, "bulk_viscosity": None, "finite_rotation": False}
     if isinstance(case.method, Explicit):
         still["finite_sliding"] = False
-    static = case.varied({"fem": {"method": Method.STATIC, "frames": 0}, "effects": still})
+    # Without a history of steps, other meshes or load factors, of which it tells nothing.
+    once = {"mesh": "scene", "error_estimate": False, "load_steps": 1, "frames": 0}
+    none = {"accuracy": None, "max_work": None, "max_seconds": None}
+    static = case.varied({"fem": {"method": Method.STATIC, **once, **none}, "effects": still})
+    static = static.varied({"material": dict.fromkeys(_STRENGTHS)})
     for factor in (1, 2, 4):
         coarse = _coarse_mesh(case, factor)
         if not coarse:
