@@ -53,7 +53,7 @@ def decompose(static: Answer) -> list[dict[str, Any]]:
     places). The answer itself is the last step.
     """
     problem: Problem = static.problem
-    opened = problem.clearance > 0.0 or problem.spacing > 0.0
+    opened = bool(problem.clearance or problem.spacing)
     closed = replace(problem, clearance=0.0, spacing=0.0)
     material = [replace(m, young_modulus=STIFFENING * m.young_modulus) for m in problem.materials]
     stiff = replace(closed, material=material, friction=_own_stick(problem), check_units=False)

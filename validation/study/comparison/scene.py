@@ -50,12 +50,13 @@ def compared_runs(
 
 
 def _rigid(problem: Problem) -> Problem:
-    """The problem for rigid blocks, which have the facets of the deformable ones."""
+    """The problem for rigid blocks: the facets of the deformable ones, and no gaps to close."""
     blocks = problem.blocks
     if problem.searches:
         blocks = facing_blocks(problem.deformable.assembly)
     load = replace(problem.load_case, assembly=blocks)
-    return replace(problem, blocks=blocks, load=load, finite_sliding=False, check_blocks=False)
+    closed = replace(problem, clearance=0.0, spacing=0.0, finite_sliding=False, check_blocks=False)
+    return replace(closed, blocks=blocks, load=load)
 
 
 def _methods(
