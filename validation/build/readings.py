@@ -32,9 +32,10 @@ def solid_notes(scene: PolyhedralScene, answer: Answer) -> Iterator[tuple[str, s
     """What an answer says of solids that no key does, by the name of the row."""
     if answer.method == "rigid":
         blocks = answer.details.blocks
-        if any(shape.straightened for shape in blocks.shapes):
+        solids = blocks if isinstance(blocks, PolyhedralAssembly) else None  # compare: facets
+        if solids is not None and any(shape.straightened for shape in solids.shapes):
             yield "edges", STRAIGHT_EDGES
-        yield from _doubts(scene, blocks, blocks).items()
+        yield from _doubts(scene, blocks, solids).items()
         return
     system = answer.details.deformable
     surfaces = build_polyhedra(scene) if system.meets else None
