@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from geometry.answer import Answer
     from geometry.parts.measures import SectionForces
     from validation.study.comparison.report import Comparison
-    from validation.study.costs.study import CostStudy
+    from validation.study.costs.report import CostResult
     from validation.study.optimisation.report import SearchResult
     from validation.study.optimisation.sensitivity import Sensitivity
     from validation.study.study import Study
@@ -154,8 +154,10 @@ def cost(
     *,
     quick: bool = False,
     store: str | Path | None = None,
-) -> CostStudy:
+) -> CostResult:
     """Measure error against CPU time of every method and mesh on a scene.
+
+    ``print`` shows the table, ``draw(path)`` the curves.
 
     Parameters
     ----------

@@ -13,7 +13,8 @@ import pytest
 from validation import Case, InputError, load_case
 from validation.study import study as study_of_cases
 from validation.study.costs import study as cost
-from validation.study.costs.study import QUANTITIES, CostStudy, cost_cases, run_cost
+from validation.study.costs.report import QUANTITIES, CostResult
+from validation.study.costs.study import cost_cases, run_cost
 from validation.study.rowfile import RowFile
 
 #: Cases of a quick study of one layer, in their order.
@@ -42,7 +43,7 @@ def once() -> Iterator[None]:
 
 
 @pytest.fixture(scope="module")
-def study(once, store) -> CostStudy:
+def study(once, store) -> CostResult:
     return run_cost(tube(), store, quick=True)
 
 

@@ -115,7 +115,6 @@ def cost(
     """
     from validation.case import load_case
     from validation.output.console import following
-    from validation.study.costs.report import draw_study, print_study, study_json
     from validation.study.costs.study import coarsest_mesh, run_cost
 
     file = load_case(scene, settings or ())
@@ -123,8 +122,7 @@ def cost(
     names, stores = ("cost.png",), {"--store": store}
     with scene_outputs(file, json, output, names, ending="-cost", stores=stores) as outputs:
         with following(file.name) as follow:
-            study = run_cost(file, store, quick=quick, progress=follow)
-        print_study(study, outputs.console)
-        title = f"{', '.join((file.name, *(settings or ())))}: {file.load_words}"
-        outputs.write("picture", "cost.png", lambda path: draw_study(study, path, title=title))
-        outputs.write_json(study_json(study))
+            result = run_cost(file, store, quick=quick, progress=follow)
+        result.print(outputs.console)
+        outputs.write("picture", "cost.png", result.draw)
+        outputs.write_json(result.as_json())

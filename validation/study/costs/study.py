@@ -18,11 +18,10 @@ from validation.case import Case, Method, refuse_cell
 from validation.errors import InputError
 from validation.output.answer_files import answer_of_data
 from validation.output.files import processor
+from validation.study.costs.report import QUANTITIES, CostResult, CostRow, cpu_seconds
 from validation.study.run import answered
 from validation.study.study import CaseStudy
 
-#: Measures whose errors are measured.
-QUANTITIES = ("max_displacement", "p_eff", "p_max_point", "sigma_1_averaged")
 #: Multiples of the coarsest mesh, by method.
 LEVELS = {"rigid": (1, 2, 4, 6), "static": (1, 2, 3, 4, 6), "explicit": (1, 2, 4)}
 QUICK_LEVELS = {"rigid": (1, 2), "static": (1, 2), "explicit": (1,)}
@@ -38,57 +37,6 @@ _REFUSED = {
     "friction": "errors are measured against a static solution, which depends on no history",
     "elastic_frame": "expected rigid frame blocks, which rigid and deformable answers share",
 }
-
-
-@dataclass(frozen=True)
-class CostRow:
-    """What a method on a mesh answered, and what it cost."""
-
-    name: str
-    """Method and mesh."""
-    answer: Answer
-    errors: dict[str, float]
-    """Difference from the finest answer over it, by measure; rigid blocks have no displacement."""
-
-    @property
-    def method(self) -> str:
-        """``rigid``, ``static``, ``converged`` or ``explicit``."""
-        return self.name.partition(",")[0]
-
-    @property
-    def cost(self) -> float:
-        """CPU time from the case to its measures, without what is compiled once a machine [s]."""
-        return cpu_seconds(self.answer)
-
-
-@dataclass(frozen=True)
-class CostStudy:
-    """All methods and meshes of a scene, and the finest answer."""
-
-    name: str
-    mesh: str
-    """Elements of the coarsest mesh."""
-    rows: tuple[CostRow, ...]
-    """The finest one is the last."""
-    processors: str
-    failures: dict[str, str]
-    """Methods and meshes without an answer, and why."""
-
-    @property
-    def finest(self) -> CostRow:
-        """What errors are measured against."""
-        return self.rows[-1]
-
-    def uncertainty(self, quantity: str) -> float | None:
-        """Relative error bar of the finest answer; None where it has none."""
-        measure = self.finest.answer[quantity]
-        return None if measure.error is None else measure.error / abs(measure.value)
-
-
-def cpu_seconds(answer: Answer) -> float:
-    """CPU time of an answer, without compilation [s]."""
-    spent: dict[str, float] = answer.report["cpu_seconds"]
-    return spent["total"] - spent.get("compile", 0.0)
 
 
 # ---------------------------------------------------------------------------------------------
@@ -193,7 +141,7 @@ def run_cost(
     *,
     quick: bool = False,
     progress: Callable[[str], None] = lambda _: None,
-) -> CostStudy:
+) -> CostResult:
     """Measure what the store lacks, one after another: others would change its CPU time.
 
     ``progress`` is called with words after each run.
@@ -222,7 +170,8 @@ def run_cost(
     counts = coarsest_mesh(case)
     sizes = [n for given in counts.values() for n in ([given] if isinstance(given, int) else given)]
     mesh = f"{' × '.join(map(str, sizes))} ({', '.join(counts)})"
-    return CostStudy(case.name, mesh, tuple(rows), " and ".join(sorted(processors)), failures)
+    processors_named = " and ".join(sorted(processors))
+    return CostResult(case.name, case.load_words, mesh, tuple(rows), processors_named, failures)
 
 
 def _errors(answer: Answer, finest: Answer) -> dict[str, float]:
