@@ -23,7 +23,7 @@ from rich.console import Console
 from geometry.answer import Measure, title_of
 from geometry.errors import RefusedError
 from validation.case import Case, repeatable, require_deformable, solve
-from validation.errors import InputError
+from validation.errors import InputError, named
 from validation.output.answer_files import measure_of
 from validation.output.console import listing
 from validation.output.files import write_csv
@@ -275,7 +275,8 @@ def sensitivity_of(
     nearby = _Nearby(file, method, store, workers, tell or (lambda _: None))
     first = [(path, value, *_steps(value, step)[0]) for path, value in values.items()]
     nearby.compute([_BASE, *(point for one in first for point in _points(*one).values())])
-    base = nearby.values(_BASE)
+    with named(file.name):
+        base = nearby.values(_BASE)
     slopes, failed = list[Slope](), dict[str, str]()
     for path, value in values.items():
         parameter = _Parameter(path, value, file.unit(path), base)
@@ -370,14 +371,14 @@ class _Nearby:
 
         Raises
         ------
-        InputError
+        RefusedError
             A point without an answer.
         """
         if point not in self._rows:
             self.compute([point])
         row = self._rows[point]
         if row["status"] == "failed":
-            raise InputError(row["message"])
+            raise RefusedError(row["message"])
         return [{name: measure_of(data) for name, data in mesh.items()} for mesh in row["meshes"]]
 
 
@@ -427,14 +428,16 @@ def _deformable(file: Case, meshes: int) -> Iterator[Values]:
     from fem.method import Static
     from geometry.machine.work import budget
     from geometry.parts.dimensions import dimensions
-    from validation.errors import named
 
     require_deformable(file, "sensitivity --method fem")
     problem = file.problem
     with named(file.name):
         why = why_not_refined(problem)
     if why is not None:
-        raise InputError(f"{file.name}: sensitivity: got {why}, whose mesh is not refined")
+        raise InputError(
+            f"{file.name}: sensitivity --method fem: got {why}, whose mesh is not refined; "
+            "expected a scene whose mesh is, such as tsb1-pipe, or --method rigid"
+        )
     names = ("p_max", "p_eff", "sigma_1_averaged", "max_displacement")
     ladder = ladder_for(dict.fromkeys(names, 0.05), problem)
     method = file.method if isinstance(file.method, Static) else Static()
