@@ -12,7 +12,6 @@ from tests.support.answers import both_kinds
 from tests.support.coarse_tubes import COARSE, tube
 from tests.support.commands import ANSWER_FILES
 from validation import InputError, compare, sweep
-from validation.study.comparison.scene import compared_runs
 
 pytestmark = pytest.mark.quick
 
@@ -56,23 +55,6 @@ def test_steps_of_a_comparison_have_the_friction_of_the_scene() -> None:
     assert "μ = 0.3; " in repr(found)
     assert found.static["p_max_point"].error is None
     assert "MPa" not in found.conclusion
-
-
-@pytest.mark.parametrize("gap", [0.001, -0.001])
-def test_rigid_blocks_are_compared_without_gaps(gap: float) -> None:
-    """Rigid blocks have no gap to close; the last step of the explanation is that gap."""
-    closed, gapped = (
-        compare(*compared_runs(tube("tsb1-pipe", f"contact.clearance={value}", 'fem.mesh="scene"')))
-        for value in (0.0, gap)
-    )
-    rigid = ("rigid (force)", "rigid (pressure)")
-    for name in ("p_max", "p_eff"):
-        assert [gapped.rows[name][k] for k in rigid] == [closed.rows[name][k] for k in rigid]
-        assert gapped.rows[name]["static"] != closed.rows[name]["static"]
-    *_, before, last = gapped.why().steps
-    assert last["words"] == f"with the initial gaps, clearance {gap:g} mm"
-    # The step before is the static answer without the gap, to the tolerance of the steps.
-    assert before["p_max"] == pytest.approx(closed.static["p_max"].value, rel=1e-3)
 
 
 @pytest.mark.slow

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from geometry import effective_facets
+from tests.support.coarse_tubes import tube
 from validation import compare, load_case
 from validation.study.comparison.agreement import agreement
 from validation.study.comparison.scene import compared_runs
@@ -45,3 +46,20 @@ def test_solids_are_compared_and_a_column_presses_by_its_weight() -> None:
     for (whole,) in compare(*compared_runs(column)).agreement.values():
         # Both are in equilibrium to 1e-8; sums over the facets of a coarse mesh differ by more.
         assert whole["force_ratio"] == pytest.approx(1.0, rel=0.01)
+
+
+@pytest.mark.parametrize("gap", [0.001, -0.001])
+def test_rigid_blocks_are_compared_without_gaps(gap: float) -> None:
+    """Rigid blocks have no gap to close; the last step of the explanation is that gap."""
+    closed, gapped = (
+        compare(*compared_runs(tube("tsb1-pipe", f"contact.clearance={value}", 'fem.mesh="scene"')))
+        for value in (0.0, gap)
+    )
+    rigid = ("rigid (force)", "rigid (pressure)")
+    for name in ("p_max", "p_eff"):
+        assert [gapped.rows[name][k] for k in rigid] == [closed.rows[name][k] for k in rigid]
+        assert gapped.rows[name]["static"] != closed.rows[name]["static"]
+    *_, before, last = gapped.why().steps
+    assert last["words"] == f"with the initial gaps, clearance {gap:g} mm"
+    # The step before is the static answer without the gap, to the tolerance of the steps.
+    assert before["p_max"] == pytest.approx(closed.static["p_max"].value, rel=1e-3)
