@@ -180,9 +180,7 @@ def test_a_tube_is_seen_from_the_side_of_a_point(small_tube: Assembly, turn: flo
 def test_unrolled_facets_keep_their_place_and_area() -> None:
     """∫ r dθ dr over the map is the area of the ring that the joint covers, seen along the axis."""
     run = solve(load_case("tsb1-tunnel", COARSE, method="rigid"))
-    facets = assemblies.interface_facets(
-        run.details.blocks, run.details.contact_index, run.details.contact_pressures
-    )
+    facets = assemblies.rigid_facets(run)
     rows = facets.between(1)
     flat = assemblies.unrolled_corners(run.details.blocks, facets.corners[rows])
     angle, radius = np.radians(flat[..., 0]), flat[..., 1]

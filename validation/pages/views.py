@@ -17,8 +17,8 @@ from validation.output.pictures.bodies import (
     PressedFacets,
     blocks,
     eye,
-    interface_facets,
     middle_layer,
+    rigid_facets,
     turn_colours,
 )
 from validation.output.pictures.canvas import View
@@ -29,12 +29,6 @@ from validation.output.pictures.view_3d import View3d, make_view
 
 #: Layers on each side of the middle one that views of long tubes show.
 _AROUND = 1
-
-
-def pressed_facets(run: Answer) -> PressedFacets:
-    """Contact facets of a rigid result with their pressures."""
-    result = run.details
-    return interface_facets(result.blocks, result.contact_index, run.contacts["pressure"])
 
 
 def pressed(facets: PressedFacets, layers: Sequence[int] | None = None) -> tuple[View, Scale]:
@@ -62,7 +56,7 @@ def rigid_view(run: Answer, layers: Sequence[int] | None = None) -> tuple[View, 
             words = "contact interfaces, coloured by mean contact pressure"
             return View(parts, eye(assembly)), scale, words
     elif run.details.holds:
-        view, scale = pressed(pressed_facets(run), layers)
+        view, scale = pressed(rigid_facets(run), layers)
         return view, scale, words
     else:
         some, fixed = _in_layers(assembly.layer, layers), run.details.load.fixed

@@ -20,8 +20,8 @@ from validation.output.pictures.bodies import (
     blocks,
     eye,
     far_side,
-    interface_facets,
     load_arrows,
+    rigid_facets,
     steep,
     turn_colours,
     turned_about_z,
@@ -101,10 +101,8 @@ def pressing_words(force: FloatArray) -> str:
 
 def draw_pressures(run: Answer) -> Figure:
     """Draw the contact pressures of a rigid result in equilibrium."""
-    facets = interface_facets(
-        run.details.blocks, run.details.contact_index, run.contacts["pressure"]
-    )
-    return draw_pressed_facets(facets, title=pressure_title(run), weight=run.problem.gravity)
+    title, weight = pressure_title(run), run.problem.gravity
+    return draw_pressed_facets(rigid_facets(run), title=title, weight=weight)
 
 
 def draw_pressed_facets(

@@ -9,12 +9,11 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from geometry.answer import is_round
+from geometry.answer import Answer, is_round
 from geometry.assembly import Assembly
 from geometry.block import Block
 from geometry.loads import LoadCase
 from geometry.mesh import FloatArray, IntArray
-from geometry.parts.contact_mesh import interface_surface
 from geometry.parts.measures import facets_between, first_largest
 from geometry.parts.placed import AnyBlocks
 from validation.output.pictures.canvas import (
@@ -384,20 +383,15 @@ class PressedFacets:
         return blocks(self.assembly, None, self.nodes, only=only, edges=0.5)
 
 
-def interface_facets(
-    assembly: Assembly, contacts: IntArray, pressures: FloatArray
-) -> PressedFacets:
-    """Facets of an assembly that match, before any displacement.
-
-    Contacts are positions in its interfaces, (n,); each has a pressure, (n,) [MPa].
-    """
-    result = assembly.interfaces
+def rigid_facets(answer: Answer) -> PressedFacets:
+    """Contact facets of rigid blocks in equilibrium, before any displacement."""
+    assembly, result = answer.details.blocks, answer.contacts
     return PressedFacets(
         assembly=assembly,
-        block_m=result.block_m[contacts],
-        block_s=result.block_s[contacts],
-        corners=interface_surface(assembly, contacts).nodes.reshape(-1, 4, 3),
-        pressures=pressures,
+        block_m=result["blocks"][:, 0],
+        block_s=result["blocks"][:, 1],
+        corners=result["corners"],
+        pressures=result["pressure"],
         nodes=assembly.nodes,
     )
 

@@ -14,7 +14,7 @@ from rich.console import Console
 from geometry import Answer
 from validation.output.console import listing
 from validation.output.files import write_csv
-from validation.output.pictures.bodies import EYE, far_side, interface_facets, steep
+from validation.output.pictures.bodies import EYE, far_side, rigid_facets, steep
 from validation.output.pictures.canvas import Direction, View
 from validation.output.pictures.gallery import Panel, gallery, save_figure, subplots
 from validation.output.pictures.scales import PRESSURE_MAP, Scale, scale_from_zero
@@ -171,9 +171,7 @@ def _far_half(run: Answer) -> IntArray:
 
 
 def _view(run: Answer, rows: IntArray, scale: Scale, direction: Direction) -> View:
-    tube = run.details
-    facets = interface_facets(run.details.blocks, tube.contact_index, tube.contact_pressures)
-    return View([facets.surface(rows, scale)], direction)
+    return View([rigid_facets(run).surface(rows, scale)], direction)
 
 
 # ---------------------------------------------------------------------------------------------
