@@ -19,6 +19,7 @@ import difflib
 import json
 import math
 import tomllib
+from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from decimal import Decimal
@@ -257,10 +258,9 @@ def parameter_values(place: str, given: Any) -> tuple[Value, ...]:
         )
     if not given:
         raise InputError(f"{place}: the list is empty; give at least one value")
-    texts = [value_text(value) for value in given]
-    for text in texts:
-        if texts.count(text) > 1:
-            raise InputError(f"{place}: {text} is given twice; every design is computed once")
+    text, times = Counter(map(value_text, given)).most_common(1)[0]
+    if times > 1:
+        raise InputError(f"{place}: {text} is given twice; every design is computed once")
     return tuple(given)
 
 

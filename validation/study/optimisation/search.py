@@ -111,11 +111,6 @@ class Search:
 
     # ------------------------------------------------------------------------------------------
 
-    def remember(self, rows: Iterable[Mapping[str, Any]]) -> None:
-        """Take in rows of an earlier run."""
-        for row in rows:
-            self.take(row)
-
     def take(self, row: Mapping[str, Any]) -> Point | None:
         """Take in a row; returns its design when all of its cases are there."""
         self._rows[row["number"]] = row
@@ -310,14 +305,15 @@ def run_search(
     on_point: Callable[[], None] | None = None,
 ) -> Tally:
     """Compute designs until the evaluations are spent; rows that the file holds count."""
-    search.remember(results.rows())
+    for row in results.rows():
+        search.take(row)
 
-    def take(row: DesignRow) -> None:
+    def follow(row: DesignRow) -> None:
         point = search.take(row.flat)
         if on_point is not None and point is not None:
             on_point()
 
-    tally = sweep(results, runner, on_row=take, numbers=search.numbers())
+    tally = sweep(results, runner, on_row=follow, numbers=search.numbers())
     if not search.feasible:
         raise no_design(search)
     return tally
