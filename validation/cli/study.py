@@ -143,12 +143,16 @@ def sensitivity(
     output : -o DIR
         Folder for table, picture and rows; out/SCENE-sensitivity unless --json is given.
     """
-    from validation.case import load_case
+    from validation.case import load_case, require_deformable
     from validation.output.console import following
     from validation.study.optimisation import sensitivity as study
     from validation.study.rowfile import store_or_none
 
     file = load_case(scene, settings or ())
+    if method == "fem":
+        require_deformable(file, "sensitivity --method fem")
+    else:
+        file.with_method("rigid").check()
     names = ("sensitivity.csv", "sensitivity.png", "sensitivity.jsonl")
     with scene_outputs(file, json, output, names, ending="-sensitivity") as outputs:
         rows = None if outputs.folder is None else outputs.path(names[2])
