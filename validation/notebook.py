@@ -296,6 +296,8 @@ def sweep(
     from validation.study.sweep import run_sweep
 
     study: Study
+    asked, given = quantity != "rigid" or accuracy is not None, parameters is not None
+    _require_taken(case, method, settings=bool(settings), asked=asked, parameters=given)
     if callable(case):
         study = _study_of_function(case, parameters or {}, method, store, workers)
     elif parameters is None:
@@ -317,6 +319,31 @@ def sweep(
         judged = () if swept.judgement is None else swept.judgement.rows
         rows = tuple(results.rows())
         return SweepResult(rows, swept.summary, study, table.getvalue().rstrip(), judged)
+
+
+def _require_taken(
+    case: object, method: object, *, settings: bool, asked: bool, parameters: bool
+) -> None:
+    """Reject what a sweep of a function, of a study or of a scene does not have.
+
+    ``asked``: whether a quantity or an accuracy is.
+    """
+    if callable(case):
+        if settings or asked:
+            raise InputError(
+                "sweep: settings, quantity and accuracy are those of a scene; expected what a "
+                "function makes to have them, and its method"
+            )
+    elif method is not None:
+        raise InputError(
+            "sweep: method is that of the problems of a function; expected quantity, or settings "
+            "such as fem.method"
+        )
+    elif asked and not parameters:
+        raise InputError(
+            "sweep: quantity and accuracy are those of parameters given here; expected a study "
+            "that states them"
+        )
 
 
 def _study_of_scene(

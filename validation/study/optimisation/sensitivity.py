@@ -268,6 +268,8 @@ def sensitivity_of(
     tell
         Called with words after each answer.
     """
+    if method not in _SECTIONS:
+        raise InputError(f"sensitivity: method: got {method!r}; expected {' or '.join(_SECTIONS)}")
     if not 0.0 < step <= 0.2:
         raise InputError(f"--step {step:g}: expected a share above 0 and at most 0.2")
     chosen = _numbers_of(file, method) if parameters is None else parameters
