@@ -158,7 +158,7 @@ def test_an_exported_deck_has_the_answer_of_its_scene(name, flavour, tmp_path: P
         return
     stated = [f"{key}={value}" for key, value in (STATEMENTS | SCENES)[name].items()]
     read = read_deck(exported(tmp_path / "deck.inp", scene, stated, flavour=flavour)).problem()
-    own = load_case(scene, stated, method="static").problem
+    own = load_case(scene, stated).with_method("static").problem
     assert read.after is None or name == "shifted-boxes"  # which is loaded and then moved
     assert name not in STATEMENTS or read.coulomb == own.coulomb
     over = np.linspace(-1e-3, 5e-3, 50)
