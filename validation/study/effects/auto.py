@@ -209,7 +209,18 @@ class _Probe:
         self.case = probe_of(case)
         solved = any(e not in _DAMPING for e in names)
         self.work, self._limit = 0.0, _most_work(case) if solved else 0.0
-        self._base = self._run(self.case, "all effects") if solved else None
+        try:
+            self._base = self._run(self.case, "all effects") if solved else None
+        except RefusedError as error:
+            raise InputError(
+                f"{case.name}: effects.auto: the probe has no static state ({self._why(error)}); "
+                "expected one that can be probed: remove effects.auto, and every effect acts as "
+                "written"
+            ) from None
+
+    def _why(self, error: RefusedError) -> str:
+        """Why a probe has no state, without its name and remedies."""
+        return str(error).removeprefix(f"{self.case.name}: ").partition("; expected")[0]
 
     def _run(self, case: Case, what: str) -> State | None:
         """Solve a probe within the work that is left; None where it takes more."""
@@ -257,7 +268,9 @@ class _Probe:
         try:
             moved = self._changed((effect,))
         except RefusedError as error:
-            return Decision(effect, off, True, None, f"no static state without it: {error}")
+            return Decision(
+                effect, off, True, None, f"no static state without it: {self._why(error)}"
+            )
         return Decision(effect, off, True, moved, _TOO_DEAR if moved is None else "probe")
 
     def _sliding(self, off: tuple[KeyChange, ...], base: State) -> Decision:
