@@ -183,8 +183,8 @@ def tube(
     counted = isinstance(divisions, Sequence) and all(map(is_count, divisions))
     if not counted or len(mesh) != expected:
         raise AssemblyError(
-            f"mesh: got {mesh!r}, expected {expected} numbers of elements, such as "
-            f"{(24, 2, 4)[:expected]}"
+            f"mesh: got {mesh!r}, expected {expected} numbers of elements, at least 1 each, such "
+            f"as {(24, 2, 4)[:expected]}"
         )
     if isinstance(block, HexagonBlock) and turn != LayerTurn.HALF_BLOCK:
         raise AssemblyError(f"turn: got {turn}, but hexagon-based blocks turn by half a block")

@@ -54,7 +54,9 @@ def plot(answer: Answer, field: str, *, layer: int | None = None, unrolled: bool
     else:
         corners, values = _of_blocks(answer, field, layer)
     if not len(corners):
-        raise InputError(f"plot: layer: got {layer}, which has nothing to draw; expected another")
+        first, last = answer.layer_of_point.min(), answer.layer_of_point.max()
+        known = last if first == last else f"one of {first} to {last}"
+        raise InputError(f"plot: layer: got {layer}, which has nothing to draw; expected {known}")
     scale = _scale(field, values)
     words = field if layer is None else f"{field}, layer {layer}"
     if unrolled:
