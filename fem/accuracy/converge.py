@@ -389,10 +389,10 @@ def _solve(
         state, facets = _state(base, stated, options, before, factor)
         measures = dict(measures_of(state, facets=facets))
         steps, load_steps = load_step_change(state), None
-        if before is not None and before.load_steps is not None:
-            steps, load_steps = dict(before.numbers.steps), before.load_steps
-        elif before is not None and steps:
+        if before is not None and steps:
             load_steps = state.evidence.load_steps
+        elif before is not None and before.load_steps is not None:
+            steps, load_steps = dict(before.numbers.steps), before.load_steps
     beside = {
         "elements_per_block": stated.blocks.shapes[0].mesh.n_elements,
         "unknowns": state.displacement.size,
@@ -422,10 +422,11 @@ def _state(
         else:
             path = (*coarse.evidence.path, coarse)
             known = tuple((one.load_factor, move(one.displacements)) for one in path)
-            halved = max(options.load_steps, coarse.evidence.load_steps // 2)
-            options = replace(options, load_steps=halved)
             if before.load_steps is not None:
                 options = replace(options, load_steps=before.load_steps, load_tolerance=None)
+            else:
+                halved = max(options.load_steps, coarse.evidence.load_steps // 2)
+                options = replace(options, load_steps=halved)
     state = static_state(deformable, options, start=start, known=known)
     facets = None
     if deformable.meets and not deformable.contact.finite_sliding:
