@@ -36,6 +36,8 @@ if TYPE_CHECKING:
     from geometry.assembly import Assembly
     from geometry.machine.work import Budget
     from geometry.parts.dimensions import Built
+    from validation.build.polyhedra import FileBlocks
+    from validation.scene.families.mesh import MeshScene
 
 #: How blocks are answered.
 Method: TypeAlias = Rigid | Static | Explicit
@@ -172,6 +174,15 @@ class Case:
     def straightened(self, blocks: Assembly) -> bool:
         """Whether the file of its blocks has nodes that elements of degree 1 leave out."""
         return self.scene.straightened(blocks)
+
+    @property
+    def file_blocks(self) -> FileBlocks | None:
+        """Blocks of its files, those that cannot be analysed too; None: it has no files."""
+        if not self.scene.files:
+            return None
+        from validation.build.polyhedra import file_blocks
+
+        return file_blocks(cast("MeshScene", self.scene))
 
     @property
     def meets(self) -> bool:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TypeVar
 
@@ -13,9 +13,10 @@ from scipy.spatial.transform import Rotation
 from fem.element.lagrange_mesh import with_degree
 from geometry.assembly import Assembly
 from geometry.errors import RefusedError
-from geometry.files.block_files import read_blocks
+from geometry.files.block_files import diagnosed_blocks, read_blocks
 from geometry.files.hexahedral_solids import with_hexahedra
 from geometry.files.named_surfaces import Y_UP
+from geometry.files.readers import left_out
 from geometry.loads import LoadCase
 from geometry.mesh import BoolArray, FloatArray
 from geometry.parts.block_selection import numbers_of
@@ -126,6 +127,50 @@ def file_solids(scene: MeshScene, part: PartSection) -> list[Polyhedron]:
         repair=block.repair,
         leave_out=part.leave_out,
     )
+
+
+def parts_left_out(scene: MeshScene) -> list[str]:
+    """Solids and objects of the files of a scene that are no blocks."""
+    out = [f"{Path(part.file).name}: {one}" for part in scene.parts for one in part.leave_out]
+    for file in dict.fromkeys(part.file for part in scene.parts):
+        out += [f"{Path(file).name}: {one}" for one in left_out(Path(file))]
+    return out
+
+
+@dataclass(frozen=True)
+class FileBlocks:
+    """Blocks of files, whether or not they can be analysed."""
+
+    placed: PlacedSolids
+    faults: list[list[str]]
+    """What keeps each block from being analysed."""
+    left_out: list[str]
+    """Objects of the files that are no blocks."""
+    units: str = "mm"
+    """Of the files."""
+    detection: DetectionOptions = field(default_factory=DetectionOptions)
+
+
+def file_blocks(scene: MeshScene) -> FileBlocks:
+    """Read and place the blocks of a scene of files, those with faults too."""
+    section, solids = scene.block, []
+    faults: dict[int, list[str]] = {}
+    for part in scene.parts:
+        result = diagnosed_blocks(
+            Path(part.file),
+            units=section.units,
+            element_size=section.element_size,
+            repair=section.repair,
+        )
+        names = [block.given_name for block, _ in result]
+        no_block = {k for one in part.leave_out for k in numbers_of("parts.leave_out", one, names)}
+        kept = [one for k, one in enumerate(result) if k not in no_block]
+        solids.append([block for block, _ in kept])
+        faults |= {id(block): of_block for block, of_block in kept}
+    placed = placed_solids(scene, solids)
+    of_blocks = [faults[id(block)] for block, _, _ in placed.blocks]
+    options = scene.detection.options
+    return FileBlocks(placed, of_blocks, parts_left_out(scene), section.units, options)
 
 
 def build_live_load(scene: PolyhedralScene, assembly: AnyBlocks) -> FloatArray:

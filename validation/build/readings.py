@@ -3,19 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from pathlib import Path
 
 import numpy as np
 
 from geometry.answer import Answer
-from geometry.files.readers import left_out
 from geometry.mesh import FloatArray
 from geometry.parts.placed import AnyBlocks
 from geometry.polyhedra.assembly import PolyhedralAssembly, bare_joints
 from geometry.polyhedra.near_joints import facing_surfaces
 from geometry.polyhedra.overlap import largest_tolerance
 from geometry.polyhedra.polyhedron import Polyhedron
-from validation.build.polyhedra import build_polyhedra, file_solids
+from validation.build.polyhedra import build_polyhedra, file_solids, parts_left_out
 from validation.scene.families.mesh import MeshScene
 from validation.scene.polyhedra import STRAIGHT_EDGES, PolyhedralScene
 
@@ -80,14 +78,6 @@ def _doubts(
         if aside:
             rows["which way is up"] = aside
     return rows
-
-
-def parts_left_out(scene: MeshScene) -> list[str]:
-    """Solids and objects of the files of a scene that are no blocks."""
-    out = [f"{Path(part.file).name}: {one}" for part in scene.parts for one in part.leave_out]
-    for file in dict.fromkeys(part.file for part in scene.parts):
-        out += [f"{Path(file).name}: {one}" for one in left_out(Path(file))]
-    return out
 
 
 def facing_words(surfaces: PolyhedralAssembly) -> str:

@@ -146,13 +146,12 @@ def _check_scene(file: Path, json: str | None) -> None:
     """Check a scene and the blocks of its files."""
     from validation.case import load_case
     from validation.output.outputs import Outputs
-    from validation.output.solids import check_parts
-    from validation.scene.families.mesh import MeshScene
+    from validation.output.solids import check_case
 
     with Outputs(json, reads=(file,), exit_line=False) as outputs:
-        case, blocks = load_case(str(file)), None
-        if isinstance(case.scene, MeshScene):
-            blocks = check_parts(case.scene, file)
+        case = load_case(str(file))
+        blocks = check_case(case, file)
+        if blocks is not None:
             outputs.console.print(blocks.table())
         outputs.say("scene", file)
         found = {} if blocks is None else blocks.as_dict()

@@ -13,18 +13,16 @@ from geometry.files.named_surfaces import Y_UP
 from geometry.files.readers import OWN_UNITS, left_out
 from geometry.files.write_solids import SOLID_SUFFIXES, write_solids
 from geometry.mesh import FloatArray, MeshError
-from geometry.parts.block_selection import numbers_of
 from geometry.parts.rows import Row, RowTable
 from geometry.polyhedra.assembly import PolyhedralAssembly
 from geometry.polyhedra.near_joints import distance_between
-from geometry.polyhedra.options import DetectionOptions
 from geometry.polyhedra.overlap import Overlap, find_overlaps
 from geometry.polyhedra.polyhedron import Polyhedron
-from validation.build.polyhedra import PlacedSolids, placed_solids
-from validation.build.readings import facing_words, parts_left_out
+from validation.build.polyhedra import FileBlocks, PlacedSolids
+from validation.build.readings import facing_words
+from validation.case import Case
 from validation.errors import InputError
 from validation.output.files import prepare_file
-from validation.scene.families.mesh import MeshScene
 
 #: Faces farther apart than this many contact tolerances are no gap of a joint.
 _GAPS = 100.0
@@ -40,10 +38,7 @@ class BlockCheck:
 
     path: Path
     """Of the file or of the scene."""
-    units: str
-    placed: PlacedSolids
-    faults: list[list[str]]
-    """Of each block."""
+    read: FileBlocks
     overlaps: list[Overlap] = field(default_factory=list)
     """Pairs deeper in each other than the contact tolerance."""
     gaps: list[tuple[int, int, float]] = field(default_factory=list)
@@ -52,18 +47,16 @@ class BlockCheck:
     """Pairs of blocks that touch."""
     assembly: PolyhedralAssembly | None = None
     """The blocks without faults."""
-    left_out: list[str] = field(default_factory=list)
-    """Objects that the file says are no blocks."""
 
     @property
     def blocks(self) -> list[Polyhedron]:
         """Shape of each block."""
-        return [block for block, _, _ in self.placed.blocks]
+        return [block for block, _, _ in self.read.placed.blocks]
 
     @property
     def clean(self) -> bool:
         """Whether nothing is wrong."""
-        return not any(self.faults) and not self.overlaps
+        return not any(self.read.faults) and not self.overlaps
 
     @property
     def length(self) -> float:
@@ -72,8 +65,8 @@ class BlockCheck:
 
     def likely_unit(self) -> str:
         """Unit that the size of the blocks suggests, empty where it agrees with the one stated."""
-        likely = "m" if 0.0 < self.length / UNITS[self.units] < _METRES else ""
-        return likely if likely != self.units else ""
+        likely = "m" if 0.0 < self.length / UNITS[self.read.units] < _METRES else ""
+        return likely if likely != self.read.units else ""
 
     def as_dict(self) -> dict[str, Any]:
         """All of it as plain data."""
@@ -83,16 +76,16 @@ class BlockCheck:
             "blocks": [
                 {
                     "name": block.given_name or block.name,
-                    "support": bool(self.placed.fixed[k]),
-                    "volume": None if self.faults[k] else block.volume,
+                    "support": bool(self.read.placed.fixed[k]),
+                    "volume": None if self.read.faults[k] else block.volume,
                     "lowest_point": self._lowest(k).tolist(),
                     "triangles": len(block.triangles),
-                    "faults": self.faults[k],
+                    "faults": self.read.faults[k],
                     "repairs": list(block.repairs),
                 }
                 for k, block in enumerate(self.blocks)
             ],
-            "left_out": self.left_out,
+            "left_out": self.read.left_out,
             "size": self.size.tolist(),
             "tolerance": None if self.assembly is None else self.assembly.tolerance,
             "touching_pairs": self.n_touching,
@@ -101,7 +94,7 @@ class BlockCheck:
                 for o in self.overlaps
             ],
             "gaps": [{"blocks": [a, b], "gap": gap} for a, b, gap in self.gaps],
-            "likely_unit": self.likely_unit() or self.units,
+            "likely_unit": self.likely_unit() or self.read.units,
         }
 
     @property
@@ -111,7 +104,7 @@ class BlockCheck:
 
     def _points(self, k: int) -> FloatArray:
         """Vertices of a block where it stands, (n, 3) [mm]."""
-        block, turn, shift = self.placed.blocks[k]
+        block, turn, shift = self.read.placed.blocks[k]
         return block.points @ turn.T + shift
 
     def _lowest(self, k: int) -> FloatArray:
@@ -121,15 +114,15 @@ class BlockCheck:
 
     def table(self) -> RowTable:
         """All of it as text, what is wrong first."""
-        bad = [k for k, faults in enumerate(self.faults) if faults]
-        closed = [k for k, faults in enumerate(self.faults) if not faults]
+        bad = [k for k, faults in enumerate(self.read.faults) if faults]
+        closed = [k for k, faults in enumerate(self.read.faults) if not faults]
         repaired = [k for k, block in enumerate(self.blocks) if block.repairs]
         rows = [Row("blocks", f"{len(closed)} closed, {len(bad)} not")]
         likely = self.likely_unit()
         if likely:
             words = f"{likely}: such small blocks are rare; --units {likely}"
             rows.append(Row("likely unit", f"{words}, block.units in a scene"))
-        rows += [Row(self._name(k), "; ".join(self.faults[k])) for k in bad[:_MOST]]
+        rows += [Row(self._name(k), "; ".join(self.read.faults[k])) for k in bad[:_MOST]]
         for k in closed[:_MOST]:
             volume, (x, y, z) = self.blocks[k].volume, self._lowest(k).tolist()
             words = f"{volume:.5g} mm³, lowest at z = {z:.5g} mm (x {x:.5g}, y {y:.5g})"
@@ -143,9 +136,10 @@ class BlockCheck:
             rows += self._joint_rows(self.assembly)
         size = " × ".join(f"{x:.5g}" for x in self.size)
         rows.append(Row("size", f"{size} mm (x, y, z)"))
-        if self.left_out:
-            rows.append(Row("left out", ", ".join(self.left_out)))
-        held, of = int(self.placed.fixed.sum()), "scene" if self.path.suffix == ".toml" else "file"
+        if self.read.left_out:
+            rows.append(Row("left out", ", ".join(self.read.left_out)))
+        held = int(self.read.placed.fixed.sum())
+        of = "scene" if self.path.suffix == ".toml" else "file"
         rows.append(Row("supports", f"{held} by the {of}" if held else f"the {of} names none"))
         return RowTable(f"{self.path}: {len(self.blocks)} blocks", rows)
 
@@ -165,7 +159,7 @@ class BlockCheck:
             words = f"{self._name(a)} and {self._name(b)}: {gap:.3g} mm apart"
             rows.append(Row("gap", words, gap, "mm"))
         own = self.path.suffix.lower() in {*OWN_UNITS, *STEP_SUFFIXES}
-        words = f"{self.length:.4g} mm{'' if own else f' ({self.units} in the file)'}"
+        words = f"{self.length:.4g} mm{'' if own else f' ({self.read.units} in the file)'}"
         return [*rows, Row("∛V of a block", words, self.length, "mm")]
 
     def _name(self, k: int) -> str:
@@ -188,37 +182,20 @@ def check_file(path: Path, *, units: str, up: str, repair: bool) -> BlockCheck:
         names if any(names) else (),
         (0,) * len(blocks),
     )
-    check = BlockCheck(path, units, placed, [faults for _, faults in result], left_out=out)
-    return _with_neighbours(check, DetectionOptions())
+    faults = [of_block for _, of_block in result]
+    return _with_neighbours(BlockCheck(path, FileBlocks(placed, faults, out, units)))
 
 
-def check_parts(scene: MeshScene, path: Path) -> BlockCheck:
-    """Look at all blocks of a scene of files, where it places them, as `check_file` does."""
-    section, solids = scene.block, []
-    faults: dict[int, list[str]] = {}
-    for part in scene.parts:
-        result = diagnosed_blocks(
-            Path(part.file),
-            units=section.units,
-            element_size=section.element_size,
-            repair=section.repair,
-        )
-        names = [block.given_name for block, _ in result]
-        no_block = {k for one in part.leave_out for k in numbers_of("parts.leave_out", one, names)}
-        kept = [one for k, one in enumerate(result) if k not in no_block]
-        solids.append([block for block, _ in kept])
-        faults |= {id(block): of_block for block, of_block in kept}
-    placed = placed_solids(scene, solids)
-    of_blocks = [faults[id(block)] for block, _, _ in placed.blocks]
-    out = parts_left_out(scene)
-    check = BlockCheck(path, section.units, placed, of_blocks, left_out=out)
-    return _with_neighbours(check, scene.detection.options)
+def check_case(case: Case, path: Path) -> BlockCheck | None:
+    """Look at all blocks of a scene of files, where it places them; None: it has no files."""
+    blocks = case.file_blocks
+    return None if blocks is None else _with_neighbours(BlockCheck(path, blocks))
 
 
-def _with_neighbours(check: BlockCheck, detection: DetectionOptions) -> BlockCheck:
+def _with_neighbours(check: BlockCheck) -> BlockCheck:
     """Add overlaps and gaps between the blocks that have no fault."""
-    placed = check.placed
-    number = [k for k, faults in enumerate(check.faults) if not faults]
+    placed = check.read.placed
+    number = [k for k, faults in enumerate(check.read.faults) if not faults]
     if not number:
         return check
     shapes, turns, shifts = zip(*(placed.blocks[k] for k in number), strict=True)
@@ -230,7 +207,7 @@ def _with_neighbours(check: BlockCheck, detection: DetectionOptions) -> BlockChe
         translations=np.array(shifts),
         fixed=placed.fixed[number],
         names=tuple(placed.names[k] for k in number) if placed.names else (),
-        detection=detection,
+        detection=check.read.detection,
     )
     overlaps, gaps, touching = _neighbours(assembly)
     return replace(
@@ -269,7 +246,7 @@ def write_repaired(path: Path, output: Path, *, units: str, up: str) -> BlockChe
     if output.suffix.lower() not in SOLID_SUFFIXES:
         raise InputError(f"--repair {output}: expected a name that ends in .obj or .json (compas)")
     check = check_file(path, units=units, up=up, repair=True)
-    for k, faults in enumerate(check.faults):
+    for k, faults in enumerate(check.read.faults):
         if faults:
             raise InputError(
                 f"{path}: block {k} ({check.blocks[k].name}) cannot be repaired: {faults[0]}"
