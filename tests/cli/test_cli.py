@@ -12,7 +12,7 @@ import pytest
 
 from tests.support.coarse_tubes import SMALL
 from validation import builtin_names, load_case, read_answer
-from validation.output.answer_files import FILES
+from validation.output.answer_files import NUMBERS
 from validation.output.files import write_json
 
 pytestmark = pytest.mark.quick
@@ -62,7 +62,7 @@ def test_mbd_writes_pressures_and_picture(tubelock) -> None:
     assert np.array_equal(again.contacts["pressure"], pressures)
     assert Path("here/contact_pressures.png").stat().st_size > 20_000
     assert {p.name for p in Path("here").iterdir()} == {
-        *FILES,
+        *NUMBERS,
         "contact_pressures.png",
         "joints.csv",
         "joints.vtu",
@@ -77,7 +77,7 @@ def test_infeasible_scene_shows_its_mechanism(tubelock) -> None:
     assert data["equilibrium"]["holds"] is False
     assert data["measures"] == {}
     assert data["certificate"]["work"] > 0
-    assert {p.name for p in Path("wall").iterdir()} == {*FILES[:3], "mechanism.png"}
+    assert {p.name for p in Path("wall").iterdir()} == {*NUMBERS[:3], "mechanism.png"}
 
 
 def test_show_draws_a_picture(tubelock) -> None:

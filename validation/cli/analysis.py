@@ -70,7 +70,7 @@ def mbd(
         [stages], or layer by layer.
     """
     from validation.case import load_case
-    from validation.output.command_files import FILES, write_command_files
+    from validation.output.answer_files import FILES, write_command_files
     from validation.output.console import following
 
     case = load_case(scene, settings or (), method="rigid")
@@ -170,7 +170,7 @@ def fem(
         Continue an interrupted run.
     """
     from validation.case import load_case
-    from validation.output.command_files import write_command_files
+    from validation.output.answer_files import write_command_files
 
     case = with_auto(load_case(scene, settings or ()), auto, keep or ())
     if combinations:
@@ -191,7 +191,7 @@ def _deformable_outputs(
 ) -> Outputs:
     """What the command writes; a checkpoint that it goes on from stays, unless it is its own."""
     from fem.method import Static
-    from validation.output.command_files import FILES
+    from validation.output.answer_files import FILES
 
     if resume is not None and isinstance(case.method, Static):
         raise InputError(

@@ -1,17 +1,19 @@
-"""Files of an answer: JSON, arrays (numpy), meshes for ParaView, tables of joints and sections."""
+"""Files of an answer: its numbers, fields for ParaView, tables, pictures, histories."""
 
 from __future__ import annotations
 
 import json
 import math
-from collections.abc import Callable, Collection, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any, cast
 from zipfile import BadZipFile
 
 import numpy as np
 
-from geometry.answer import Answer, Measure, known, restored
+from geometry.answer import Answer, Measure, is_round, known, restored
+from geometry.assembly import Assembly
 from geometry.errors import unreadable
 from geometry.files.mesh_io import write_cells
 from geometry.machine.system import write_whole
@@ -19,12 +21,41 @@ from geometry.mesh import FloatArray
 from geometry.parts.measures import JointResultants, SectionForces
 from geometry.parts.rows import Row
 from validation.errors import InputError
-from validation.output.files import prepare_folder, write_csv, write_json
+from validation.output.files import FRAMES, prepare_folder, remove_others, write_csv, write_json
+from validation.output.outputs import Outputs
 
-#: Files of an answer.
-FILES = ("answer.json", "answer.npz", "fields.vtu", "contact_pressures.vtu")
-#: Endings of files that commands write only if asked to: arrays, and fields for ParaView.
-LARGE = (".npz", ".vtu")
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from fem.explicit.output.energy import History
+    from fem.system.reactions import PushCurve
+    from mbd.building.stages import StageResults
+    from validation.output.explosion import Explosion
+
+#: Files of the numbers of an answer.
+NUMBERS = ("answer.json", "answer.npz", "fields.vtu", "contact_pressures.vtu")
+#: Those of what joints and sections transmit.
+_JOINT_FILES = ("joints.csv", "joints.vtu", "section_forces.csv")
+#: Those of a command.
+FILES = (
+    *NUMBERS,
+    *_JOINT_FILES,
+    "contact_pressures.png",
+    "contacts.vtu",
+    "contacts.png",
+    "mechanism.png",
+    "explosion.png",
+    "stages.png",
+    "stages.csv",
+    "stresses.png",
+    "displacement.png",
+    "motions.csv",
+    "motions.png",
+    "history.csv",
+    "energies.png",
+    FRAMES,
+    "frames.pvd",
+)
 #: What reading a damaged answer raises.
 _DAMAGES = (OSError, ValueError, KeyError, TypeError, EOFError, RecursionError, BadZipFile)
 _HEAD = ("title", "method", "measures", "rows", "fields")
@@ -36,7 +67,7 @@ File = tuple[str, str, Callable[[Path], None]]
 
 
 def write_answer(answer: Answer, folder: Path) -> tuple[Path, ...]:
-    """Write an answer into a folder, which is made: `FILES`, each whole or not at all.
+    """Write an answer into a folder, which is made: `NUMBERS`, each whole or not at all.
 
     Files of that name of an earlier answer go where this one has none.
 
@@ -46,32 +77,18 @@ def write_answer(answer: Answer, folder: Path) -> tuple[Path, ...]:
         The files; without contact facets there is no file of them.
     """
     folder = prepare_folder(folder)
-    written = []
-    for _, name, write in answer_files(answer):
+    written = [folder / NUMBERS[0]]
+    write_json(str(written[0]), answer.as_dict())
+    for _, name, write in _field_files(answer):
         written.append(folder / name)
         write(written[-1])
-    remove_others(folder, FILES, {path.name for path in written})
+    remove_others(folder, NUMBERS, {path.name for path in written})
     return tuple(written)
 
 
-def remove_others(folder: Path, names: Collection[str], written: Collection[str]) -> None:
-    """Remove what an earlier answer left under ``names``, patterns too, that are not written."""
-    for name in set(names).difference(written):
-        for path in folder.glob(name):
-            if path.name not in written:
-                path.unlink()
-
-
-def answer_files(
-    answer: Answer, stated: Callable[[], Mapping[str, Any]] | None = None
-) -> Iterator[File]:
-    """Files of the numbers of an answer.
-
-    ``stated`` is what stands in the first of them, where that is more than the answer itself.
-    """
-    data, arrays, fields, contacts = FILES
-    whole = answer.as_dict if stated is None else stated
-    yield "answer", data, lambda path: write_json(str(path), whole())
+def _field_files(answer: Answer) -> Iterator[File]:
+    """Files of the fields of an answer."""
+    _, arrays, fields, contacts = NUMBERS
     yield "arrays", arrays, lambda path: write_whole(path, lambda file: _write_arrays(answer, file))
     yield "fields", fields, lambda path: _write_fields(answer, path)
     if "corners" in answer.contacts:
@@ -132,7 +149,7 @@ def measure_of(data: Mapping[str, Any]) -> Measure:
 
 def read_answer(folder: Path) -> Answer:
     """Read an answer that was written; `details`, the solver's own result, is not kept."""
-    for name in FILES[:2]:
+    for name in NUMBERS[:2]:
         why = unreadable(folder / name)
         if why is not None:
             raise InputError(
@@ -140,8 +157,8 @@ def read_answer(folder: Path) -> Answer:
                 "`--fields` wrote"
             )
     try:
-        data = json.loads((folder / FILES[0]).read_text("utf-8"))
-        with np.load(folder / FILES[1], allow_pickle=False) as stored:
+        data = json.loads((folder / NUMBERS[0]).read_text("utf-8"))
+        with np.load(folder / NUMBERS[1], allow_pickle=False) as stored:
             return answer_of_data(data, {name: stored[name] for name in stored.files})
     except _DAMAGES as error:
         raise InputError(f"{folder}: holds a damaged answer ({error}); write it again") from None
@@ -171,19 +188,17 @@ def _named(arrays: Mapping[str, Any], kind: str) -> dict[str, Any]:
 # ---------------------------------------------------------------------------------------------
 # What joints and sections transmit
 
-#: Their files.
-JOINT_FILES = ("joints.csv", "joints.vtu", "section_forces.csv")
 _AXES = ("x", "y", "z")
 
 
-def joint_files(
+def _joint_files(
     joints: JointResultants | None, sections: SectionForces | None, names: tuple[str, ...] = ()
 ) -> Iterator[File]:
     """Files of the forces of joints and sections, where there are some.
 
     ``names`` are those of the blocks, () without any.
     """
-    joint_table, joint_points, section_table = JOINT_FILES
+    joint_table, joint_points, section_table = _JOINT_FILES
     if joints is not None and len(joints.block_m):
         yield "joints", joint_table, lambda path: _write_table(joints, names, path)
         yield "joints", joint_points, lambda path: _write_points(joints, path)
@@ -271,3 +286,159 @@ def _write_sections(found: SectionForces, path: Path) -> None:
         parts = _components(key, values, unit, axes)
         columns |= {name: part.tolist() for name, part in parts.items()}
     write_csv(path, columns, zip(*columns.values(), strict=True))
+
+
+# ---------------------------------------------------------------------------------------------
+# What a command leaves: the answer, tables, pictures, histories
+
+
+def is_meshed(answer: Answer) -> bool:
+    """Whether blocks of a rigid answer have hexahedra; else they are solids with flat patches."""
+    return isinstance(answer.details.blocks, Assembly)
+
+
+def write_command_files(answer: Answer, outputs: Outputs) -> None:
+    """Print the table of an answer and write its files."""
+    outputs.show(answer.table)
+    outputs.tell_keys(answered=True)
+    if outputs.folder is not None:
+        for words, name, write in _files(answer):
+            outputs.write(words, name, write)
+        if answer.method != "rigid" and answer.case.method.frames > 0:
+            outputs.path(FRAMES)
+            outputs.say("frames", outputs.path("frames.pvd"))
+    data = answer.as_dict()
+    outputs.write_data("answer", NUMBERS[0], data)
+    if outputs.folder is not None:
+        for words, name, write in _field_files(answer):
+            outputs.write(words, name, write)
+    outputs.remove_others()
+    outputs.write_json(data)
+
+
+def _files(answer: Answer) -> Iterator[File]:
+    """Files of an answer beside its numbers and fields."""
+    details, rigid, drawn = answer.details, answer.method == "rigid", pictures(answer)
+    if rigid and not is_meshed(answer):
+        yield "contacts", "contacts.vtu", partial(_write_patches, answer)
+    sections = cast("SectionForces | None", answer.parts.get("sections"))
+    yield from _joint_files(_joints(answer), sections, answer.problem.blocks.names)
+    if "stages" in answer.parts:
+        columns = cast("StageResults", answer.parts["stages"]).table
+        rows = list(zip(*columns.values(), strict=True))
+        yield "stages", "stages.csv", lambda path: write_csv(path, columns, rows)
+    if not rigid and (curves := _push_curves(answer)):
+        from validation.output.pictures.plots import draw_motions
+
+        yield "motions", "motions.csv", partial(_write_motions, curves)
+        drawn["motions.png"] = partial(draw_motions, answer)
+    if not rigid and details.run is not None:
+        from validation.output.pictures.plots import draw_energies
+
+        yield "history", "history.csv", partial(_write_history, details.run.history)
+        drawn["energies.png"] = partial(draw_energies, answer)
+    for name, draw in drawn.items():
+        yield "picture", name, partial(_save, draw)
+
+
+def _joints(answer: Answer) -> JointResultants | None:
+    details = answer.details
+    if answer.method == "rigid":
+        return details.joints if details.holds else None
+    from fem.answer.forces import joints_of
+
+    return joints_of(details) if details.deformable.meets else None
+
+
+def _push_curves(answer: Answer) -> tuple[PushCurve, ...]:
+    from fem.answer.forces import push_curves_of
+
+    return push_curves_of(answer.details)
+
+
+def _save(draw: Callable[[], Figure], path: Path) -> None:
+    from validation.output.pictures.gallery import save_figure
+
+    save_figure(draw(), path)
+
+
+def pictures(answer: Answer) -> dict[str, Callable[[], Figure]]:
+    """Pictures of an answer by the names of their files."""
+    result = _rigid_pictures if answer.method == "rigid" else _deformable_pictures
+    return {name: partial(draw, answer) for name, draw in result(answer).items()}
+
+
+def _rigid_pictures(answer: Answer) -> dict[str, Callable[[Answer], Figure]]:
+    from validation.output.pictures.assemblies import draw_mechanism, draw_pressures
+    from validation.output.pictures.polyhedra import draw_explosion, draw_polyhedra
+
+    result: dict[str, Callable[[Answer], Figure]] = {}
+    if "disassembly" in answer.parts:
+        explosion = cast("Explosion", answer.parts["disassembly"])
+        result["explosion.png"] = lambda _: draw_explosion(explosion)
+    if not is_meshed(answer):
+        result["contacts.png"] = draw_polyhedra
+    elif answer.details.holds:
+        result["contact_pressures.png"] = draw_pressures
+    if "mechanism" in answer.fields:
+        result["mechanism.png"] = draw_mechanism
+    if "stages" in answer.parts:
+        from validation.output.pictures.construction import draw_stages
+
+        result["stages.png"] = draw_stages
+    return result
+
+
+def _deformable_pictures(answer: Answer) -> dict[str, Callable[[Answer], Figure]]:
+    """Pictures of a deformable answer; that of the displacement is one of tubes."""
+    from validation.output.pictures import tubes
+
+    result: dict[str, Callable[[Answer], Figure]] = {}
+    if answer.details.deformable.meets:
+        result["contact_pressures.png"] = tubes.draw_contact
+    result["stresses.png"] = tubes.draw_stresses
+    if is_round(answer.details.deformable.assembly):
+        result["displacement.png"] = tubes.draw_displacement
+    return result
+
+
+def _write_patches(answer: Answer, path: Path) -> None:
+    """Write the contact polygons with pressures, normals and blocks as `.vtu` triangles."""
+    interfaces = answer.details.blocks.interfaces
+    polygons, patches = interfaces.polygons, interfaces.patches
+    triangles, owner = polygons.triangles
+    patch = polygons.patch[owner]
+    carried = {}
+    if contacts := answer.contacts:  # an attempt that failed is no field
+        traction = contacts["force"] / contacts["area"][:, None]
+        carried = {
+            "patch_pressure": contacts["pressure"][patch],
+            "patch_traction": traction[patch],
+        }
+    write_cells(
+        path,
+        polygons.corners,
+        "triangle",
+        triangles,
+        cell_data={
+            **carried,
+            "normal": patches.normals[patch],
+            "block_m": patches.block_m[patch].astype(np.int32),
+            "block_s": patches.block_s[patch].astype(np.int32),
+        },
+    )
+
+
+def _write_motions(curves: Iterable[PushCurve], path: Path) -> None:
+    """Write force against displacement of supports that move."""
+    rows = [
+        (curve.name, *row)
+        for curve in curves
+        for row in zip(curve.times, curve.displacements, curve.forces, strict=True)
+    ]
+    write_csv(path, ("support", "time_s", "displacement_mm", "force_N"), rows)
+
+
+def _write_history(history: History, path: Path) -> None:
+    """Write energies over time."""
+    write_whole(path, lambda partial: partial.write_text(history.csv(), "utf-8"))

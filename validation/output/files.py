@@ -12,7 +12,7 @@ import os
 import platform
 import sys
 import tempfile
-from collections.abc import Iterable, Iterator
+from collections.abc import Collection, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from importlib import metadata, resources
@@ -65,6 +65,14 @@ def output_folder(folder: Path | None) -> Iterator[None]:
             except OSError:
                 break
         raise
+
+
+def remove_others(folder: Path, names: Collection[str], written: Collection[str]) -> None:
+    """Remove what an earlier answer left under ``names``, patterns too, that are not written."""
+    for name in set(names).difference(written):
+        for path in folder.glob(name):
+            if path.name not in written:
+                path.unlink()
 
 
 def prepare_file(path: Path) -> Path:

@@ -14,13 +14,13 @@ from types import TracebackType
 from typing import TYPE_CHECKING, Any, Self
 
 from validation.errors import InputError
-from validation.output.answer_files import LARGE, answer_files, remove_others
 from validation.output.console import following, process_words, text_console
 from validation.output.files import (
     PAGES,
     Provenance,
     output_folder,
     prepare_file,
+    remove_others,
     stamp_vtu,
     stamped,
     write_json,
@@ -29,9 +29,11 @@ from validation.output.files import (
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from geometry.answer import Answer
     from geometry.parts.rows import RowTable
     from validation.case import Case
+
+#: Endings of files that are written only if asked for: arrays, and fields for ParaView.
+LARGE = (".npz", ".vtu")
 
 
 @dataclass
@@ -185,18 +187,10 @@ class Outputs:
                 stamp_vtu(path, self.origin)
             self.say(words, path)
 
-    def write_answer(self, answer: Answer) -> None:
-        """Write the files of an answer into the folder, and its data where ``--json`` says.
-
-        They are the last of a call: what an earlier one left there under a name that this one may
-        write, and did not, is of another answer and goes.
-        """
-        data = answer.as_dict()
+    def remove_others(self) -> None:
+        """Remove what an earlier call left under a name that this one may write, and did not."""
         if self.folder is not None:
-            for words, name, write in answer_files(answer, lambda: self._stamped(data)):
-                self.write(words, name, write)
             remove_others(self.folder, self.names, self._of_this_call)
-        self.write_json(data)
 
     def tell_keys(self, method: str = "", *, answered: bool = False) -> None:
         """Print the defaults that an answer depends on, and what its method does not have.

@@ -14,7 +14,7 @@ from geometry.machine.system import write_whole
 from geometry.parts.rows import RowTable
 from validation.case import Case, repeatable, solve
 from validation.errors import InputError
-from validation.output.command_files import is_meshed, pictures
+from validation.output.answer_files import is_meshed, pictures
 from validation.output.files import Provenance
 from validation.output.pictures.view_3d import View3d, viewer_page, webp
 from validation.pages.page import page_text

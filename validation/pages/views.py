@@ -12,7 +12,7 @@ from fem.state import State
 from fem.stresses.recovery import principal_of
 from geometry.answer import Answer, is_round
 from geometry.assembly import Assembly
-from validation.output.command_files import is_meshed
+from validation.output.answer_files import is_meshed
 from validation.output.pictures.bodies import (
     PressedFacets,
     blocks,

@@ -19,7 +19,7 @@ from geometry.answer import Answer
 from geometry.errors import RefusedError
 from validation.case import Case, solve
 from validation.errors import InputError
-from validation.output.command_files import is_meshed, pictures
+from validation.output.answer_files import is_meshed, pictures
 from validation.output.pictures.canvas import View
 from validation.output.pictures.scales import Scale
 from validation.output.pictures.view_3d import colour_gradient
