@@ -45,7 +45,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from geometry.answer import Answer, Measure
-    from geometry.assembly import Assembly
+    from geometry.assembly import Assembly, contact_mesh
     from geometry.block import Block, box_block
     from geometry.errors import RefusedError
     from geometry.families.boxes import BrickStack, ColumnBox, SeparateBoxes, box_column
@@ -72,7 +72,6 @@ if TYPE_CHECKING:
         tunnel,
     )
     from geometry.mesh import HexMesh
-    from geometry.parts.contact_mesh import contact_mesh
     from geometry.parts.measures import effective_facets
     from geometry.parts.regions import Box, Plane
     from geometry.parts.supports import HeldFace
@@ -164,7 +163,7 @@ _PLACES = {
     "beam": "geometry.loads",
     "box_block": "geometry.block",
     "box_column": "geometry.families.boxes",
-    "contact_mesh": "geometry.parts.contact_mesh",
+    "contact_mesh": "geometry.assembly",
     "convex_polyhedron": "geometry.polyhedra.polyhedron",
     "effective_facets": "geometry.parts.measures",
     "pillar": "geometry.loads",

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, TypeVar, final
 import numpy as np
 import numpy.typing as npt
 
-from geometry.assembly import Assembly
+from geometry.assembly import Assembly, interface_surface
 from geometry.errors import RefusedError
 from geometry.mesh import FloatArray, IntArray, read_only
 from geometry.parts.measures import Planes, SectionError, SectionForces, first_largest, planes
@@ -623,8 +623,6 @@ def about_axis(assembly: Assembly, position: FloatArray) -> dict[str, float]:
 
 def interface_contacts(assembly: Assembly, index: IntArray) -> dict[str, Callable[[], Array]]:
     """Makers of what contacts have beside pressures, of some of the assembly's interfaces (n,)."""
-    from geometry.parts.contact_mesh import interface_surface
-
     result = assembly.interfaces
     m, s = result.block_m[index], result.block_s[index]
     return {

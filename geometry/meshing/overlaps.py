@@ -11,9 +11,8 @@ from scipy.spatial import cKDTree
 
 from geometry.assembly import Assembly
 from geometry.block import Block
-from geometry.interface import ROUGHLY_SAME, placements
+from geometry.interface import ROUGHLY_SAME, coincident, placements
 from geometry.mesh import HEX_TETRAHEDRA, BoolArray, FloatArray
-from geometry.parts.neighbours import coincident
 from geometry.parts.placed import AssemblyError
 
 if TYPE_CHECKING:

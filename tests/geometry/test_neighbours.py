@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
-from geometry.parts.neighbours import coincident, pairs_within
+from geometry.interface import coincident, pairs_within
 
 pytestmark = pytest.mark.quick
 

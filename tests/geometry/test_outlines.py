@@ -13,7 +13,7 @@ from geometry import (
     PlanarSineWall,
     RunningBondWall,
 )
-from geometry.parts.contact_mesh import interface_surface
+from geometry.assembly import interface_surface
 from geometry.polyhedra.assembly import PolyhedralAssembly
 
 pytestmark = pytest.mark.quick
