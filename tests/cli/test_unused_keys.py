@@ -96,6 +96,19 @@ def test_what_is_used_is_not_named() -> None:
         assert "material.density" not in idle
 
 
+@pytest.mark.quick
+def test_effects_with_all_their_defaults_are_named_by_methods_without_them() -> None:
+    """An effect that is switched on by `{}`, or by a share, states no key below it."""
+    case = load_case("tsb1-pipe", {"effects.bulk_viscosity": {}, "effects.rayleigh": {}})
+    for method in ("rigid", "static", "static deck"):
+        assert "effects.bulk_viscosity" in case.key_use(method).ignored
+        assert "rayleigh" not in case.key_use(method).ignored  # switches nothing on
+    for method in ("explicit", "explicit deck"):
+        assert "bulk_viscosity" not in case.key_use(method).ignored
+    use = load_case("tsb1-pipe", {"effects.auto": 0.01}).key_use("rigid")
+    assert use.ignored == "effects.auto"
+
+
 @pytest.mark.parametrize("name", builtin_names())
 def test_nothing_is_said_to_be_ignored_of_built_in_scenes(name: str) -> None:
     case = load_case(name)
@@ -107,8 +120,8 @@ def test_commands_name_effects_of_time_integration(tubelock, tmp_path: Path) -> 
     words = [w for s in (*COARSE, *EVERYTHING[:2]) for w in ("--set", s)]
     status, out, _ = tubelock("mbd", "tsb1-pipe", *words, "--json", str(tmp_path / "a.json"))
     assert status == 0
-    line = "ignored │ effects.rayleigh.mass_proportional (not used by this method)"
-    assert line in " ".join(out.split())
+    keys = "effects.rayleigh.mass_proportional, effects.bulk_viscosity (not used by this method)"
+    assert f"ignored {keys}" in " ".join(out.replace("│", "").split())
     data = json.loads((tmp_path / "a.json").read_text())
     assert {"material.young_modulus", "contact.law"} <= set(data["unused_keys"])
     assert "block.height" not in data["unused_keys"]

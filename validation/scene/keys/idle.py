@@ -45,7 +45,10 @@ _NOT_WRITTEN = (
 )
 #: Sections and keys that a method does not have, by its name.
 _ABSENT: Mapping[str, tuple[str, ...]] = {
-    "rigid": ("fem", *_ELASTIC, *_IN_TIME, "pictures.mises"),
+    "rigid": (
+        *("fem", "effects.auto", "material.compressive_strength", "pictures.mises"),
+        *(*_ELASTIC, *_IN_TIME),
+    ),
     "static": ("rigid", "stages", *_IN_TIME),
     "explicit": ("rigid", "stages"),
     "static deck": (*_NOT_WRITTEN, *_IN_TIME, "fem.damping"),
@@ -157,13 +160,16 @@ class KeyUse:
 
 def _set_keys(section: BaseModel, place: str) -> Iterator[str]:
     """Keys that are set and state something."""
-    for name in type(section).model_fields:
+    for name, field in type(section).model_fields.items():
         if name not in section.model_fields_set:
             continue
         value = getattr(section, name)
         inner = list(_sections(value))
         for key, part in inner:
-            yield from _set_keys(part, f"{place}{name}{key}.")
+            keys = list(_set_keys(part, f"{place}{name}{key}."))
+            # An effect that a scene switches on with all its defaults: `bulk_viscosity = {}`.
+            on = not keys and field.default is None and any(part.model_dump().values())
+            yield from [f"{place}{name}{key}"] if on else keys
         nothing = value is None or value is False or (isinstance(value, tuple | dict) and not value)
         if not inner and not nothing:
             yield f"{place}{name}"
