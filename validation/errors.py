@@ -163,6 +163,9 @@ def _behind(end: SystemExit) -> KeyboardInterrupt:
 #: A number as much of the world writes it.
 _DECIMAL_COMMA = re.compile(r"[-+]?\d+,\d+")
 
+#: A kind of values among the keys of one that may have several.
+_KIND = re.compile(r"(constrained-)?(int|str|float|bool)|(tuple|list|literal|function-\w+)[\[(].*")
+
 #: Places named beside the first mistake.
 _MOST_NAMED = 3
 
@@ -247,13 +250,14 @@ def one_line(
     An example of the same kind has the lines that are missing.
     """
     problems = [
-        problem
+        problem if problem["type"] == "extra_forbidden" else problem | {"loc": _keys_of(problem)}
         for problem in error.errors(include_url=False)
         if problem["type"] != "default_factory_not_called"
     ]
     missing = [p["loc"] for p in problems if p["type"] == "missing"]
-    # A list whose tables lack keys is called too short as well.
-    problems = [p for p in problems if p["loc"] not in {m[:2] for m in missing if len(m) > 3}]
+    # A list with wrong values is called too short as well.
+    wrong = {p["loc"][:k] for p in problems for k in range(1, len(p["loc"]))}
+    problems = [p for p in problems if p["type"] != "too_short" or p["loc"] not in wrong]
     lines = _lines_to_add(missing, model, example or {})
     if lines and len(missing) == len(problems):
         return f"{_and([_place(path) for path in missing])} missing; add, with your values: {lines}"
@@ -273,6 +277,11 @@ def one_line(
         line += f"; also {kind}: {first_of(others, _MOST_NAMED)}" if others else ""
     # Names of keys may hold anything, line breaks too.
     return "".join(c if c.isprintable() else repr(c)[1:-1] for c in line)
+
+
+def _keys_of(problem: Any) -> tuple[int | str, ...]:
+    """Keys of a wrong value, without the kinds that it may have: pydantic adds the one it tried."""
+    return tuple(key for key in problem["loc"] if not _KIND.fullmatch(str(key)))
 
 
 def _place(path: tuple[int | str, ...]) -> str:
@@ -339,6 +348,8 @@ def _wrong_value(problem: Any, place: str, model: type[BaseModel]) -> str:
     if kind in ("tuple_type", "list_type"):
         return f"{place}: got {got!r}; expected a list of values in brackets, [ … ]"
     message = problem["msg"]
+    if kind == "too_short":
+        message = f"expected {problem['ctx']['min_length']} at least"
     return f"{place}: got {got!r}; {message[0].lower()}{message[1:]}{_meant(got)}"
 
 

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from itertools import permutations
+from typing import Annotated, Literal, get_args
 
-from pydantic import Field, model_validator
+from pydantic import Field, field_validator, model_validator
 
 from validation.scene.keys.docstrings import PRESSURE
 from validation.scene.sections import Finite, Positive, Section, Vector, vector_words
 
 Axis = Literal["x", "y", "z"]
+#: Axes along which a support may hold, in any order.
+_AXES = tuple(few for n in (1, 2, 3) for few in permutations(get_args(Axis), n))
 #: What all combinations share, and keys by which others are tried.
 SAME_SUPPORTS = (
     "combinations differ in factors of loads alone; expected the same supports and motions in all "
@@ -71,13 +74,21 @@ class SupportSection(RegionSection):
     name: str = ""
     """In the table of reactions; by default the region."""
     hold: tuple[Axis, ...] | Literal["normal"] = ("x", "y", "z")
-    """Directions that are held: axes, or the ``normal`` of a flat region (a roller)."""
+    """Directions that are held: axes in a list, or the ``normal`` of a flat region (a roller)."""
     spring: Positive | None = None
     """Springs to the ground along these directions, stiffness per area [N/mm³]."""
     move: Vector | None = None
     """By which the held directions move, after the load; a part across them is rejected [mm]."""
     path: tuple[tuple[Finite, Finite], ...] = ()
     """Times [s] and shares of ``move``, straight between; by default from 0 to 1."""
+
+    @field_validator("hold", mode="before")
+    @classmethod
+    def _are_directions(cls, hold: object) -> object:
+        axes = list(hold) if isinstance(hold, list | tuple) else []
+        if hold != "normal" and not any(axes == list(few) for few in _AXES):
+            raise ValueError('expected some of "x", "y", "z" in a list, each once, or "normal"')
+        return hold
 
     @property
     def moved_words(self) -> str:
@@ -93,11 +104,6 @@ class SupportSection(RegionSection):
             raise ValueError(
                 f"supports: got {' and '.join(self.regions) or 'no region'}; expected one of face, "
                 "plane, box"
-            )
-        if not self.hold:
-            raise ValueError(
-                'supports.hold: got [], which holds nothing; expected some of "x", "y", "z", or '
-                '"normal"'
             )
         if self.spring is not None and self.move is not None:
             raise ValueError("supports: got spring and move; expected one of the two")
