@@ -12,7 +12,7 @@ import secrets
 import signal
 import sys
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from types import FrameType
@@ -119,12 +119,14 @@ def cpu_limit(seconds: float, message: str) -> Iterator[None]:
 
 
 @contextmanager
-def stop_signals(handler: Callable[[int, FrameType | None], object]) -> Iterator[None]:
-    """Call the handler on SIGINT and SIGTERM; only the main thread can catch signals."""
+def stop_signals(
+    handler: Callable[[int, FrameType | None], object],
+    numbers: Sequence[signal.Signals] = (signal.SIGINT, signal.SIGTERM),
+) -> Iterator[None]:
+    """Call the handler on some signals; only the main thread can catch them."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return
-    numbers = (signal.SIGINT, signal.SIGTERM)
     previous = [signal.signal(number, handler) for number in numbers]
     try:
         yield

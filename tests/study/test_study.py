@@ -378,9 +378,10 @@ def test_kill_9_in_the_middle_and_resume_gives_the_same_rows(many_walls, tmp_pat
 
 
 @pytest.mark.thorough
-def test_ctrl_c_keeps_the_rows_and_leaves_no_process(tmp_path) -> None:
+@pytest.mark.parametrize("stop", [signal.SIGINT, signal.SIGTERM])
+def test_what_stops_a_sweep_keeps_the_rows_and_leaves_no_process(tmp_path, stop) -> None:
     with endless.endless_sweep(tmp_path) as process:
-        endless.interrupted(process)
+        endless.interrupted(process, stop)
         while not endless.group_ended(process.pid):  # the pool's own helper does so a moment later
             time.sleep(0.05)
     assert 1 <= endless.rows(tmp_path) <= 3

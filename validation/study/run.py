@@ -23,7 +23,12 @@ from multiprocessing.synchronize import Event
 from pathlib import Path
 from typing import Any, Protocol
 
-from geometry.machine.system import available_cores, interrupts_blocked
+from geometry.machine.system import (
+    available_cores,
+    interrupt,
+    interrupts_blocked,
+    stop_signals,
+)
 from validation.errors import InputError
 from validation.study.design import DesignRow
 from validation.study.rowfile import StudyRows
@@ -236,7 +241,11 @@ class LocalRunner:
 
     def rows(self, numbers: Iterable[int]) -> Generator[DesignRow, None, None]:
         """Rows in the order in which they are ready."""
-        numbers = iter(numbers)
+        # SIGTERM would leave behind what the processes share: it is a Ctrl-C meanwhile.
+        with stop_signals(lambda *_: interrupt(), [signal.SIGTERM]):
+            yield from self._rows(iter(numbers))
+
+    def _rows(self, numbers: Iterator[int]) -> Generator[DesignRow, None, None]:
         while (first := next(numbers, None)) is not None:
             window = _AHEAD * self.workers
             lost = yield from self._pool(chain([first], numbers), self.workers, window)
