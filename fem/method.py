@@ -52,6 +52,9 @@ class Static:
     error_estimate: bool = True
     """Whether measures on the mesh of the problem have error bars, from two coarser meshes: a
     quarter more time."""
+    max_meshes: Annotated[int, Ge(1)] | None = None
+    """Meshes at most, from coarse to fine: designs that are compared have the same ones with an
+    accuracy that these do not reach. One has no error bars. By default no limit."""
     load_steps: Annotated[int, Ge(1), Le(_MOST)] | None = None
     """Number of equal load steps; with friction their load factors are squares. By default one;
     with friction doubled until p_max, p_eff and the displacement change by less than 1 %."""
@@ -65,11 +68,12 @@ class Static:
 
     def __post_init__(self) -> None:
         check(self)
-        if self.mesh == "scene" and self.accuracy is not None:
-            raise OptionError(
-                'accuracy: got one beside mesh = "scene", which is one mesh; expected one of the '
-                "two"
-            )
+        for name in ("accuracy", "max_meshes"):
+            if self.mesh == "scene" and getattr(self, name) is not None:
+                raise OptionError(
+                    f'{name}: got one beside mesh = "scene", which is one mesh; expected one of '
+                    "the two"
+                )
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -173,6 +173,7 @@ def converge(
     otherwise: Mapping[str, float] | None = None,
     options: StaticOptions = OPTIONS,
     max_seconds: float | None = None,
+    max_meshes: int | None = None,
     progress: Callable[[MeshProgress], None] | None = None,
     ladder: Ladder | None = None,
 ) -> Converged:
@@ -194,6 +195,8 @@ def converge(
         Of the static solver.
     max_seconds
         CPU time at most [s], but for the first mesh; None: no limit.
+    max_meshes
+        Meshes at most; None: all of the ladder.
     progress
         Called before each mesh.
     ladder
@@ -210,13 +213,14 @@ def converge(
     """
     check_refinable(problem)
     targets = requested or otherwise or (TARGETS if problem.coulomb is None else WITH_FRICTION)
-    if ladder is None:
-        ladder = ladder_for(requested or otherwise or TARGETS, problem)
+    every = ladder or ladder_for(requested or otherwise or TARGETS, problem)
+    ladder = every[:max_meshes]
     # Of earlier meshes only their numbers stay in memory.
     last: Solved | None = None
     stick: Values = {}
     meshes, told = list[OnMesh](), dict[str, Measure]()
-    ended, errors, remarks = "the finest mesh", dict[str, float](), dict[str, str]()
+    ended = "the finest mesh" if ladder == every else "the limit of meshes"
+    errors, remarks = dict[str, float](), dict[str, str]()
     stopped: str | None = None
     ends = clock(max_seconds)
     for number, rung in enumerate(ladder, 1):

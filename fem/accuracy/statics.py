@@ -144,7 +144,8 @@ def check_static(problem: Problem, method: Static) -> Problem:
 
 
 def _asks_to_refine(method: Static) -> bool:
-    return method.accuracy is not None or method.mesh == "converged"
+    stated = method.accuracy is not None or method.max_meshes is not None
+    return stated or method.mesh == "converged"
 
 
 def most_work(problem: Problem, method: Static, *, finer: bool) -> float | None:
@@ -220,6 +221,7 @@ def _answer(
                 otherwise=sought,
                 options=options,
                 max_seconds=method.max_seconds,
+                max_meshes=method.max_meshes,
                 progress=tell,
             )
             state = result.solved.state

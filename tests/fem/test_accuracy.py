@@ -213,6 +213,14 @@ def test_command(tubelock) -> None:  # type: ignore[no-untyped-def]
     assert 0.0 < bar["error"] <= 0.2 * bar["value"]
     assert data["accuracy"]["requested"] == {"max_displacement": 0.2, "p_eff": 0.5}
     assert [mesh["degree"] for mesh in data["meshes"]] == [r.degree for r in DEGREES[:LEAST_MESHES]]
+    # A limit leaves the first meshes of the same sequence.
+    few = ("--set", "fem.max_meshes=1", "--json", "few.json")
+    assert tubelock("fem", "tsb1-pipe", *short, *asked, *few)[0] == 3
+    found = json.loads(Path("few.json").read_text())
+    (mesh,), first = found["meshes"], data["meshes"][0]
+    assert mesh["measures"] == pytest.approx(first["measures"], rel=1e-9)
+    assert found["measures"]["p_eff"]["value"] == mesh["measures"]["p_eff"]
+    assert found["accuracy"]["ended_by"] == "the limit of meshes"
 
 
 @pytest.mark.parametrize("name", ["thb0-tunnel", "osteomorphic"])

@@ -327,7 +327,8 @@ class FemSection(_FemKeys):  # type: ignore[misc]
         if self.symmetry == "periodic cell":
             given["symmetry"] = "auto"  # of the cell
         states = not self.model_fields_set.isdisjoint(_ELEMENTS)
-        if kind is Static and states and self.mesh is None and self.accuracy is None:
+        refines = self.accuracy is not None or self.max_meshes is not None
+        if kind is Static and states and self.mesh is None and not refines:
             given["mesh"] = "scene"  # what states its elements is solved with these
         return kind(**given)
 

@@ -38,7 +38,7 @@ _IN_TIME = ("effects.rayleigh", "effects.bulk_viscosity")
 _NOT_WRITTEN = (
     *("rigid", "stages", "sections", "material.averaging_radius", "material.tensile_strength"),
     *("material.compressive_strength", "fem.mesh", "fem.accuracy"),
-    *("fem.max_work", "fem.max_seconds", "fem.max_memory"),
+    *("fem.max_work", "fem.max_seconds", "fem.max_memory", "fem.max_meshes"),
     *("fem.error_estimate", "fem.load_steps", "fem.motion_steps", "fem.symmetry"),
     *("fem.residual", "fem.threads"),
     "fem.sample_interval",

@@ -68,7 +68,7 @@ def _methods(
     if not one_mesh:
         yield static
     if one_mesh or explicit:
-        yield replace(static, mesh="scene", accuracy=None, error_estimate=False)
+        yield replace(static, mesh="scene", accuracy=None, max_meshes=None, error_estimate=False)
     if explicit:
         dynamic = case.with_method("explicit").method
         assert isinstance(dynamic, Explicit)

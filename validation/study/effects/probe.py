@@ -97,7 +97,7 @@ def probe_of(case: Case) -> Case:
         still["finite_sliding"] = False
     # Without a history of steps, other meshes or load factors, of which it tells nothing.
     once = {"mesh": "scene", "error_estimate": False, "load_steps": 1, "frames": 0}
-    none = {"accuracy": None, "max_work": None, "max_seconds": None}
+    none = {"accuracy": None, "max_meshes": None, "max_work": None, "max_seconds": None}
     static = case.varied({"fem": {"method": Method.STATIC, **once, **none}, "effects": still})
     static = static.varied({"material": dict.fromkeys(_STRENGTHS)})
     for factor in (1, 2, 4):
