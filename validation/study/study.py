@@ -137,20 +137,25 @@ class Study:
 
 
 @dataclass(frozen=True)
-class CaseStudy(Study):
-    """Cases in the order of the values of one parameter, and the whole answer to each."""
-
-    cases: tuple[Case, ...] = field(kw_only=True)
-
-    def case(self, number: int) -> Case:
-        """Case of a design; what is built for it goes with it."""
-        return replace(self.cases[number])
+class AnswerStudy(Study):
+    """Cases, and the whole answer to each."""
 
     def results(self, number: int) -> tuple[dict[str, Any], list[str]]:
         """Return the answer without its fields."""
         from validation.case import repeatable, solve
 
         return {"answer": repeatable(solve(self.case(number))).as_dict()}, []
+
+
+@dataclass(frozen=True)
+class CaseStudy(AnswerStudy):
+    """Cases in the order of the values of one parameter."""
+
+    cases: tuple[Case, ...] = field(kw_only=True)
+
+    def case(self, number: int) -> Case:
+        """Case of a design; what is built for it goes with it."""
+        return replace(self.cases[number])
 
 
 @dataclass(frozen=True)

@@ -11,20 +11,20 @@ the difference between the quotients of both sides. An error larger than the der
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property
-from itertools import islice
 from pathlib import Path
 from typing import Any, TypeGuard
 
 from rich.console import Console
 
-from geometry.answer import Measure, title_of
+from fem.method import Static
+from geometry.answer import FACTORS, Answer, Measure, title_of
 from geometry.errors import RefusedError
-from validation.case import Case, repeatable, require_deformable, solve
+from validation.case import Case, require_deformable
 from validation.errors import InputError, named
-from validation.output.answer_files import measure_of
+from validation.output.answer_files import answer_of_data
 from validation.output.console import listing
 from validation.output.files import write_csv
 from validation.output.pictures.gallery import save_figure, subplots
@@ -32,7 +32,7 @@ from validation.output.pictures.scales import BLUE, VERMILION
 from validation.study.design import DesignRow, Quantity
 from validation.study.rowfile import StudyRows
 from validation.study.run import computed, runner_for
-from validation.study.study import Study, case_content, data_digest
+from validation.study.study import AnswerStudy, case_content, data_digest
 
 Values = dict[str, Measure]
 #: Measures in the order of the table.
@@ -53,6 +53,8 @@ _SECTIONS = {"rigid": ("block", "assembly"), "fem": ("block", "assembly", "mater
 _RIGID_MATERIAL = ("compressive_strength",)
 #: Numbers of [material] that no static answer depends on.
 _NOT_STATIC = ("density",)
+#: Strengths of [material], with which there are load factors.
+_STRENGTHS = ("material.tensile_strength", "material.compressive_strength")
 #: A place has moved by more than this part of its radius or a block's size [-].
 _MOVED = 0.05
 #: Elasticity that an axis of a picture shows at least, to both sides [-].
@@ -274,7 +276,7 @@ def sensitivity_of(
         raise InputError(f"--step {step:g}: expected a share above 0 and at most 0.2")
     chosen = _numbers_of(file, method) if parameters is None else parameters
     values = {path: _number(file, path) for path in chosen}
-    nearby = _Nearby(file, method, store, workers, tell or (lambda _: None))
+    nearby = _Nearby(_base(file, method), method, store, workers, tell or (lambda _: None))
     first = [(path, value, *_steps(value, step)[0]) for path, value in values.items()]
     nearby.compute([_BASE, *(point for one in first for point in _points(*one).values())])
     with named(file.name):
@@ -295,6 +297,8 @@ Point = tuple[str, float, int]
 _MESHES, _COARSE = 2, 1
 #: The scene as it is stated.
 _BASE: Point = ("", 0.0, _MESHES)
+#: Error bars that choose the meshes of deformable blocks [-].
+_ACCURACY = dict.fromkeys(("p_max", "p_eff", "sigma_1_averaged", "max_displacement"), 0.05)
 
 
 def _steps(value: float, share: float) -> list[tuple[float, bool]]:
@@ -313,8 +317,29 @@ def _points(path: str, value: float, step: float, small: bool) -> dict[int, Poin
     return {k: (path, value + k * step, meshes[k]) for k in meshes}
 
 
+def _base(file: Case, method: Quantity) -> Case:
+    """Case that is changed: as it is stated, deformable blocks on the first of finer meshes."""
+    if method == "rigid":
+        return file.with_method("rigid")
+    from fem.accuracy.converge import why_not_refined
+
+    require_deformable(file, "sensitivity --method fem")
+    static = file if isinstance(file.method, Static) else file.with_method("static")
+    with named(file.name):
+        why = why_not_refined(static.problem)
+    if why is not None or static.problem.after is not None:
+        raise InputError(
+            f"{file.name}: sensitivity --method fem: got {why or 'a load after another'}, whose "
+            "mesh is not refined; expected a scene whose mesh is, such as tsb1-pipe, or --method "
+            "rigid"
+        )
+    assert isinstance(static.method, Static)
+    finer = {"mesh": "converged", "accuracy": _ACCURACY, "error_estimate": True, "frames": 0}
+    return static.with_method(replace(static.method, **finer))  # type: ignore[arg-type]
+
+
 @dataclass(frozen=True)
-class PointStudy(Study):
+class PointStudy(AnswerStudy):
     """A scene with one number changed at a time."""
 
     base: Case = field(kw_only=True)
@@ -330,17 +355,12 @@ class PointStudy(Study):
 
     def case(self, number: int) -> Case:
         """Case of a design."""
-        path, value, _ = self.design(number)["point"]
-        if not path:
-            return self.base
-        name = f"{self.base.name}, {path} = {value:.6g}"
-        return replace(self.base.varied({path: value}), name=name)
-
-    def results(self, number: int) -> tuple[dict[str, Any], list[str]]:
-        """Measures on each mesh."""
-        *_, meshes = self.design(number)["point"]
-        values = answers_at(self.case(number), self.quantity, meshes)
-        return {"meshes": [{name: m.as_json() for name, m in v.items()} for v in values]}, []
+        path, value, meshes = self.design(number)["point"]
+        changed = {path: value} if path else {}
+        if self.quantity == "fem":
+            changed["fem.max_meshes"] = meshes
+        name = f"{self.base.name}, {path} = {value:.6g}" if path else self.base.name
+        return replace(self.base.varied(changed), name=name)
 
 
 @dataclass
@@ -355,7 +375,12 @@ class _Nearby:
     _rows: dict[Point, dict[str, Any]] = field(default_factory=dict)
 
     def compute(self, points: Sequence[Point]) -> None:
-        """Take rows of some points from the store, and compute those that it lacks."""
+        """Take rows of some points from the store, and compute those that it lacks.
+
+        Load factors on the coarse mesh are those of an answer of its own.
+        """
+        if self.method == "fem" and any(self.case.values.get(key) for key in _STRENGTHS):
+            points = [(path, value, k) for path, value, n in points for k in range(1, n + 1)]
         study = PointStudy(self.case.name, self.method, (("point", tuple(points)),), base=self.case)
         done = 0
 
@@ -369,7 +394,7 @@ class _Nearby:
         self._rows |= zip(points, computed(rows, runner, range(len(points)), follow), strict=True)
 
     def values(self, point: Point) -> list[Values]:
-        """Measures at a point on its meshes.
+        """Measures at a point on its meshes, the volume of the blocks among them.
 
         Raises
         ------
@@ -378,10 +403,31 @@ class _Nearby:
         """
         if point not in self._rows:
             self.compute([point])
-        row = self._rows[point]
-        if row["status"] == "failed":
-            raise RefusedError(row["message"])
-        return [{name: measure_of(data) for name, data in mesh.items()} for mesh in row["meshes"]]
+        path, value, meshes = point
+        answer = _answer(self._rows[point])
+        built = answer.report["dimensions"]
+        last = dict(answer.measures)
+        last["volume"] = Measure(built["volume"], built["units"]["volume"])
+        if "p_max" not in last:
+            raise RefusedError("blocks do not carry the load: no pressures")
+        if self.method == "rigid":
+            return [last]
+        solved = answer.report["meshes"]
+        if len(solved) < meshes:
+            ended = answer.report["accuracy"]["ended_by"]
+            raise RefusedError(f"mesh {meshes} is not solved: {ended}; expected more fem.max_work")
+        of_coarse = self._rows.get((path, value, _COARSE))
+        factors = {} if of_coarse is None else _answer(of_coarse).measures
+        coarse = {n: factors[n] for n in FACTORS if n in factors} | {"volume": last["volume"]}
+        for name, value in solved[0]["measures"].items():
+            coarse[name] = replace(last[name], value=value)
+        return [coarse, last][-meshes:]
+
+
+def _answer(row: Mapping[str, Any]) -> Answer:
+    if row["status"] == "failed":
+        raise RefusedError(row["message"])
+    return answer_of_data(row["answer"])
 
 
 def _numbers_of(file: Case, method: Quantity) -> list[str]:
@@ -407,53 +453,6 @@ def _number(file: Case, path: str) -> float:
             f"{file.name}: {path}: got {value!r}, expected a number of the scene, such as {known}"
         )
     return value
-
-
-def answers_at(file: Case, method: Quantity, meshes: int = 2) -> list[Values]:
-    """Measures on so many meshes from coarse to fine; rigid blocks have the scene's own."""
-    if method == "fem":
-        return list(_deformable(file, meshes))
-    answer = repeatable(solve(file.with_method("rigid")))
-    built = answer.report["dimensions"]
-    values = dict(answer.measures) | {"volume": Measure(built["volume"], built["units"]["volume"])}
-    if "p_max" not in values:
-        raise InputError(f"{file.name}: rigid blocks do not carry the load: no pressures")
-    return [values]
-
-
-def _deformable(file: Case, meshes: int) -> Iterator[Values]:
-    """Measures on the first meshes of the sequence for means over facets and averaged tension."""
-    from fem.accuracy.converge import climbed, why_not_refined
-    from fem.accuracy.ladder import ladder_for
-    from fem.accuracy.statics import static_options
-    from fem.accuracy.strength import strength_factors
-    from fem.method import Static
-    from geometry.machine.work import budget
-    from geometry.parts.dimensions import dimensions
-
-    require_deformable(file, "sensitivity --method fem")
-    problem = file.problem
-    with named(file.name):
-        why = why_not_refined(problem)
-    if why is not None:
-        raise InputError(
-            f"{file.name}: sensitivity --method fem: got {why}, whose mesh is not refined; "
-            "expected a scene whose mesh is, such as tsb1-pipe, or --method rigid"
-        )
-    names = ("p_max", "p_eff", "sigma_1_averaged", "max_displacement")
-    ladder = ladder_for(dict.fromkeys(names, 0.05), problem)
-    method = file.method if isinstance(file.method, Static) else Static()
-    options = static_options(problem, method)
-    if method.max_seconds is not None:
-        raise InputError(
-            f"{file.name}: fem.max_seconds: derivatives would depend on the machine; expected "
-            "fem.max_work, which is the same on every machine"
-        )
-    volume = Measure(dimensions(problem.blocks).volume, "mm³")
-    with named(file.name), budget(method.max_work, memory=method.max_memory):
-        for solved in islice(climbed(problem, ladder, options), meshes):
-            factors = strength_factors(solved.state, solved.measures, options)
-            yield dict(solved.measures) | factors | {"volume": volume}
 
 
 @dataclass(frozen=True)
