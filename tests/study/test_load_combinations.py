@@ -48,15 +48,16 @@ def test_a_combination_is_the_sum_of_its_loads_times_their_factors() -> None:
 
 def test_the_envelope_names_the_combination_that_governs(tmp_path: Path) -> None:
     case, store = load_case(COMBINED), tmp_path / "rows.jsonl"
-    answers = combination_answers(case, store)
+    answers = combination_answers(case, combination_cases(case), store)
     assert list(answers) == ["all", "weight"]
     # Rows are the answers without their fields, and a second call computes none.
     for name, one in combination_cases(case).items():
         assert answers[name].measures == solve(one).measures
     told: list[str] = []
-    assert {n: a.as_dict() for n, a in combination_answers(case, store, told.append).items()} == {
-        name: answer.as_dict() for name, answer in answers.items()
-    }
+    assert {
+        n: a.as_dict()
+        for n, a in combination_answers(case, combination_cases(case), store, told.append).items()
+    } == {name: answer.as_dict() for name, answer in answers.items()}
     assert not told
     for measure, (name, largest) in envelope(answers).items():
         values = {n: abs(a.measures[measure].value) for n, a in answers.items()}

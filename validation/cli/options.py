@@ -158,7 +158,7 @@ def solve_combinations(
     with scene_outputs(case, json, output, names, ending="-combinations") as outputs:
         rows = None if outputs.folder is None else outputs.path(names[1])
         with following(case.name) as tell, store_or_none(rows) as path:
-            answers = study.combination_answers(case, path, tell)
+            answers = study.combination_answers(case, study.combination_cases(case), path, tell)
         study.print_combinations(case, answers, outputs.console)
         outputs.tell_keys()
         outputs.write("table", names[0], lambda path: study.write_combinations(answers, path))

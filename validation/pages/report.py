@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
-from functools import cached_property, partial
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +12,7 @@ from geometry.answer import Answer
 from geometry.errors import RefusedError
 from geometry.machine.system import write_whole
 from geometry.parts.rows import RowTable
-from validation.case import Case, repeatable, solve
+from validation.case import Case, solve
 from validation.errors import InputError
 from validation.output.answer_files import is_meshed, pictures
 from validation.output.files import Provenance
@@ -21,7 +21,12 @@ from validation.pages.page import page_text
 from validation.pages.verdicts import PageVerdict, verdicts
 from validation.pages.views import layer_words, middle_layers, pressure_view, stress_view
 from validation.scene.keys.toml_text import toml_text
-from validation.study.combinations import combination_cases, combination_rows
+from validation.study.combinations import (
+    combination_answers,
+    combination_cases,
+    combination_rows,
+)
+from validation.study.rowfile import store_or_none
 
 Tell = Callable[[Any], None]
 
@@ -157,28 +162,24 @@ def _tried(failed: dict[str, str], kind: str, solve: Callable[[], Any]) -> Any:
         return None
 
 
-def _repeatable(case: Case) -> Answer:
-    return repeatable(solve(case))
-
-
 def _side_by_side(known: Answer, tell: Tell) -> LoadTable:
     """Numbers under each combination or load case; the answer to the case itself is known."""
     from geometry.loads import CASES
 
-    case, answers, failed = known.case, dict[str, Answer](), dict[str, str]()
+    case, failed = known.case, dict[str, str]()
     if case.combinations:
         cases = combination_cases(case)
     else:
         under = {name: case.varied({"load.case": name}) for name in CASES}
         cases = {name: replace(one, name=f"{case.name}, {name}") for name, one in under.items()}
     kind, blocks = ("rigid", "rigid") if known.method == "rigid" else ("fem", "deformable")
-    for number, (name, one) in enumerate(cases.items(), 1):
-        tell(f"{blocks} blocks under {name}, {number} of {len(cases)}")
-        asked = partial(_repeatable, one)
-        answer = known if one.source == case.source else _tried(failed, name, asked)
-        if answer is not None:
-            answers[name] = answer.numbers_alone()
-    return LoadTable(kind, answers, failed)
+    answers = {n: known.numbers_alone() for n, one in cases.items() if one.source == case.source}
+    others = {name: one for name, one in cases.items() if name not in answers}
+    with store_or_none(None) as rows:
+        answers |= combination_answers(
+            case, others, rows, lambda words: tell(f"{blocks} blocks under {words}"), failed
+        )
+    return LoadTable(kind, {name: answers[name] for name in cases if name in answers}, failed)
 
 
 # ---------------------------------------------------------------------------------------------

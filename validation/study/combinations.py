@@ -32,18 +32,25 @@ def combination_cases(file: Case) -> dict[str, Case]:
 
 
 def combination_answers(
-    file: Case, store: Path, tell: Callable[[str], None] | None = None
+    file: Case,
+    cases: Mapping[str, Case],
+    store: Path,
+    tell: Callable[[str], None] | None = None,
+    failed: dict[str, str] | None = None,
 ) -> dict[str, Answer]:
-    """Answers to the combinations of a scene by its method, without their fields.
+    """Answers to cases of a scene, such as its combinations, by its method, without their fields.
 
     The store, a file of rows, keeps them; ``tell`` is called with a line after each that is new.
+    ``failed`` takes why a case has no answer; None: every case needs one.
     """
-    cases = combination_cases(file)
     kind: Quantity = "rigid" if isinstance(file.method, Rigid) else "fem"
     named = (("combination", tuple(cases)),)
     study = CaseStudy(file.name, kind, named, cases=tuple(cases.values()))
-    rows = answered(study, store, tell)
-    return {row["combination"]: answer_of_data(row["answer"]) for row in rows}
+    rows = answered(study, store, tell, every=failed is None)
+    if failed is not None:
+        failed |= {row["combination"]: row["message"] for row in rows if row["status"] == "failed"}
+    ok = (row for row in rows if row["status"] == "ok")
+    return {row["combination"]: answer_of_data(row["answer"]) for row in ok}
 
 
 def envelope(answers: Mapping[str, Answer]) -> dict[str, tuple[str, Measure]]:
