@@ -25,7 +25,7 @@ from typing import TYPE_CHECKING, Any
 
 from mbd.answer import analyse, stages
 from mbd.contacts.jacobian import contact_jacobian
-from mbd.frictionless.mechanism import MechanismClass
+from mbd.mechanism import MechanismClass
 from mbd.options import FrictionLaw, Norm, Rigid, Solver, Stages
 from mbd.results.result import RigidResult
 

@@ -41,7 +41,7 @@ from geometry.parts.supports import HeldFace
 from geometry.polyhedra.options import CROSSING_EDGES, STANDING_CORNER
 from mbd.contacts.jacobian import contact_jacobian
 from mbd.contacts.supports import check_supports
-from mbd.frictionless.mechanism import MANY_BLOCKS, classify
+from mbd.mechanism import MANY_BLOCKS, classify
 from mbd.options import Rigid, Stages
 from mbd.results.result import EdgesAndCorners, RigidResult
 from mbd.results.rows import rigid_rows
@@ -50,7 +50,7 @@ from mbd.system import RigidStatement, RigidSystem, Stated
 if TYPE_CHECKING:
     from geometry.polyhedra.assembly import PolyhedralAssembly
     from mbd.building.stages import StageResults
-    from mbd.friction.equilibrium import CollapseLoad
+    from mbd.limits.collapse import CollapseLoad
     from mbd.results.motion import DrivenMotion
 
 #: Memory of a contact of a tube with its loads, as measured: without friction …
@@ -166,7 +166,8 @@ def check(problem: RigidStatement, method: Rigid) -> None:
     _ = problem.compressive_strength  # materials of different strengths have none
     grows = method.collapse or method.sliding
     if problem.coulomb is not None or grows:
-        from mbd.friction.equilibrium import check_coefficients, require_live
+        from mbd.contacts.friction import check_coefficients
+        from mbd.limits.collapse import require_live
 
         if problem.coulomb is not None:
             pairs = (pair[2] for pair in problem.coulomb.of_pairs)

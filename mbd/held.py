@@ -28,11 +28,8 @@ from geometry.mesh import FloatArray
 from geometry.parts.placed import AnyBlocks
 from geometry.polyhedra.assembly import as_polyhedral
 from geometry.polyhedra.options import DetectionOptions
-from mbd.friction.equilibrium import (
-    MOST_FRICTION,
-    FrictionalContacts,
-    frictional_equilibrium,
-)
+from mbd.contacts.friction import MOST_FRICTION, FrictionalContacts
+from mbd.equilibrium import frictional_equilibrium
 from mbd.results.result import carried_words
 from mbd.system import RigidStatement, RigidSystem, Stated
 

@@ -11,11 +11,10 @@ with quadratic objectives", arXiv:2405.12762 (2024).
 from __future__ import annotations
 
 import math
-import warnings
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import scipy.sparse as sp
@@ -28,6 +27,8 @@ _BALANCED = 1e-6
 #: Forces whose range is narrower than this fraction of the load count as determined: linear
 #: programs are solved to 1e-7 of a load of one.
 DETERMINED = 1e-6
+#: At which cone programs end, and beyond which an unknown has run off to infinity.
+_CONIC_TOLERANCE, _FAR = 1e-11, 1e12
 #: Solvers count no further.
 _MOST_ITERATIONS = 2**31 - 1
 
@@ -80,63 +81,53 @@ class Work:
             self.progress(self.programs)
 
 
-def least_conic(
-    *,
-    quadratic: Any,
-    cost: FloatArray,
+class Cones(NamedTuple):
+    """Rows R and cones K: unknowns x are admissible where R x is in K."""
+
+    rows: Any
+    """(n_rows, n)."""
+    kinds: list[Any]
+    """Cones of clarabel, of these rows in turn."""
+
+
+class Solution(NamedTuple):
+    """Where a cone program ended; whether that solves it is for its equations to say."""
+
+    x: FloatArray
+    """Unknowns, (n,); 0 for what ran off to infinity, as where no solution exists."""
+    multipliers: FloatArray
+    """Of the equations, (n_equations,)."""
+
+
+def least(
     equal: Any,
     target: FloatArray,
-    rows: Any,
-    cones: list[Any],
-    tolerance: float = 1e-11,
-    work: Work,
-) -> Any:
-    """Minimise ½ xᵀPx + qᵀx subject to equal x = target, rows x in the cones (clarabel)."""
+    cones: Cones,
+    *,
+    squares: Any = None,
+    cost: FloatArray | None = None,
+    work: Work | None = None,
+) -> Solution:
+    """Minimise ½ xᵀ squares x + cost · x subject to equal x = target, x admissible (clarabel)."""
     # Loaded here, as HiGHS: most answers need neither.
     import clarabel
 
-    settings = clarabel.DefaultSettings()
-    settings.verbose = False
-    settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = tolerance
-    settings.tol_infeas_abs = settings.tol_infeas_rel = tolerance
-    settings.max_iter = 300
-    constraint = sp.vstack([equal, -rows]).tocsc()
-    right = np.concatenate([target, np.zeros(rows.shape[0])])
-    solver = clarabel.DefaultSolver(
-        sp.csc_matrix(quadratic),
-        cost,
-        sp.csc_matrix(constraint),
-        right,
-        [clarabel.ZeroConeT(len(target)), *cones],
+    settings, n = clarabel.DefaultSettings(), equal.shape[1]
+    settings.verbose, settings.max_iter = False, 300
+    for name in ("gap_abs", "gap_rel", "feas", "infeas_abs", "infeas_rel"):
+        setattr(settings, f"tol_{name}", _CONIC_TOLERANCE)
+    constraint = sp.csc_matrix(sp.vstack([equal, -cones.rows]))
+    result = clarabel.DefaultSolver(
+        sp.csc_matrix((n, n) if squares is None else squares),
+        np.zeros(n) if cost is None else cost,
+        constraint,
+        np.append(target, np.zeros(cones.rows.shape[0])),
+        [clarabel.ZeroConeT(len(target)), *cones.kinds],
         settings,
-    )
-    result = solver.solve()
-    work.conic(result.iterations, constraint.nnz)
-    return result
-
-
-def least_quadratic(
-    quadratic: Any,
-    *,
-    equal: Any,
-    target: FloatArray,
-    lower: FloatArray,
-    tolerance: float,
-) -> Any:
-    """Minimise ½ xᵀPx subject to equal x = target, x >= lower (clarabel through qpsolvers)."""
-    import qpsolvers
-
-    stated = qpsolvers.Problem(
-        P=sp.csc_matrix(quadratic),
-        q=np.zeros(len(lower)),
-        A=sp.csc_matrix(equal),
-        b=target,
-        lb=lower,
-    )
-    names = ("tol_gap_abs", "tol_gap_rel", "tol_feas")
-    with warnings.catch_warnings():  # whoever asks judges by the residual
-        warnings.filterwarnings("ignore", message="Clarabel.rs terminated")
-        return qpsolvers.solve_problem(stated, solver="clarabel", **dict.fromkeys(names, tolerance))
+    ).solve()
+    (work or Work()).conic(result.iterations, constraint.nnz)
+    x = np.asarray(result.x)
+    return Solution(np.where(np.abs(x) < _FAR, x, 0.0), np.asarray(result.z)[: len(target)])
 
 
 class LinearPrograms:

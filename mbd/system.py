@@ -5,6 +5,7 @@ Friction is loaded where it is asked: a tube without it does without cone progra
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -17,12 +18,13 @@ from geometry.mesh import FloatArray
 from geometry.parts.pairs import OfPairs, pair_values
 from geometry.parts.placed import AnyBlocks
 from mbd.contacts.jacobian import RigidContacts, contact_jacobian
-from mbd.frictionless.equilibrium import Equilibrium, column_weights, equilibrium
+from mbd.equilibrium import Equilibrium, column_weights, equilibrium
 from mbd.options import Rigid
 
 if TYPE_CHECKING:
-    from mbd.friction.equilibrium import FrictionalContacts
-    from mbd.friction.squeeze import Squeeze
+    from mbd.contacts.friction import FrictionalContacts
+    from mbd.loading import Squeeze
+    from mbd.programs import Work
 
 
 class JointFriction(Protocol):
@@ -150,8 +152,8 @@ class RigidSystem:
         """Without friction; by a growing load where neither forces nor a mechanism are proved."""
         if self.smooth.decided:
             return self.smooth
-        from mbd.friction.equilibrium import frictional_contacts
-        from mbd.friction.loading import settled
+        from mbd.contacts.friction import frictional_contacts
+        from mbd.loading import settled
 
         contacts = frictional_contacts(self.blocks, self.contacts, 0.0)
         rests = settled(self.smooth.with_tangents, contacts, self.force, self.weights)
@@ -160,7 +162,7 @@ class RigidSystem:
     @cached_property
     def frictional(self) -> FrictionalContacts:
         """Contacts with the friction that is stated, 0 where there is none."""
-        from mbd.friction.equilibrium import frictional_contacts
+        from mbd.contacts.friction import frictional_contacts
 
         m, s, mu = self.contacts.block_m, self.contacts.block_s, self.coulomb
         given = 0.0 if mu is None else pair_values(mu.coefficient, mu.of_pairs, m, s)
@@ -169,14 +171,14 @@ class RigidSystem:
     @cached_property
     def with_friction(self) -> Equilibrium:
         """With friction, as the cone program finds it."""
-        from mbd.friction.equilibrium import frictional_equilibrium
+        from mbd.equilibrium import frictional_equilibrium
 
         return frictional_equilibrium(self.frictional, self.force, weights=self.weights)
 
     @cached_property
     def balance(self) -> Equilibrium | None:
         """With friction, by all that is known; None without it."""
-        from mbd.friction.loading import settled
+        from mbd.loading import settled
 
         if self.coulomb is None:
             return None
@@ -190,22 +192,22 @@ class RigidSystem:
 
         ``limit``: reference seconds that may be spent.
         """
-        from mbd.friction.loading import MOST_SECONDS
-        from mbd.friction.squeeze import Squeeze, squeeze
+        from mbd.loading import MOST_SECONDS, Squeeze, squeeze
 
         if self.frictionless.holds:
             return Squeeze(needed=False, programs=0)
-        self.tell("whether the load presses the joints that need friction")
-        return squeeze(
-            self.contacts,
-            self.frictional,
-            self.force,
-            forces,
-            weights=self.weights,
-            limit=MOST_SECONDS if limit is None else limit,
-            progress=self.counting("whether the load presses the joints"),
+        work = self.counted(
+            "whether the load presses the joints that need friction",
+            MOST_SECONDS if limit is None else limit,
         )
+        friction, weights = self.frictional, self.weights
+        return squeeze(self.contacts, friction, self.force, forces, weights=weights, work=work)
 
-    def counting(self, what: str) -> Callable[[int], None]:
-        """Return a progress of programs solved."""
-        return lambda programs: self.tell(f"{what}: {programs} programs solved")
+    def counted(self, what: str, limit: float = math.inf) -> Work:
+        """Return work on something, of so many reference seconds at most, that tells of it."""
+        from mbd.programs import Work
+
+        self.tell(what)
+        return Work(
+            limit, progress=lambda programs: self.tell(f"{what}: {programs} programs solved")
+        )

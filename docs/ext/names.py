@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from typing import Any
 
-#: `mbd.frictionless.equilibrium.newton_equilibrium` and the like, not yet part of a role.
+#: `mbd.equilibrium.newton_equilibrium` and the like, not yet part of a role.
 _NAME = re.compile(r"(?<![}`\w])`((?:geometry|mbd|fem|validation)(?:\.[A-Za-z_]\w*)+)`(?!`)")
 
 

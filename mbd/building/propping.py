@@ -18,9 +18,8 @@ from geometry.mesh import BoolArray, FloatArray, IntArray
 from geometry.parts.placed import AnyBlocks
 from mbd.building.sweeps import Sweeps
 from mbd.contacts.jacobian import RigidContacts
-from mbd.friction.equilibrium import admissible_cones
 from mbd.options import Along
-from mbd.programs import Work, least_conic
+from mbd.programs import Cones, least
 from mbd.system import RigidSystem
 
 #: Props below this part of the weight that is placed are none.
@@ -132,8 +131,9 @@ def _least(
 
     frictional, load = system.frictional, system.force
     n, k, size = 3 * frictional.n_contacts, len(along), float(np.linalg.norm(load))
-    joints, cones = admissible_cones(frictional)
+    joints, kinds = frictional.cones
     rows: Any = sp.block_diag([joints, sp.eye_array(k + 1)]) if n else sp.eye_array(k + 1)
+    cones = Cones(rows, [*kinds, clarabel.NonnegativeConeT(k + 1)])
     # The last unknown is what the sum misses of its limit.
     total = np.concatenate([np.zeros(n), along[:, 2], [1.0]])
     column = system.weights
@@ -145,29 +145,19 @@ def _least(
     )
     balance: Any = sp.hstack([frictional.matrix, props, sp.csc_array((len(load), 1))])
     limited: Any = sp.vstack([balance, sp.csc_array(total[None])])
-    none = sp.csc_array(squares.shape)
 
     def solved(limit: float | None) -> FloatArray | None:
         """Unknowns of least sum, or of least squares within a limit of the sum."""
-        first = limit is None
-        solution = least_conic(
-            quadratic=none if first else squares,
-            cost=total if first else np.zeros(len(total)),
-            equal=balance if first else limited,
-            target=-load / size if limit is None else np.append(-load / size, limit),
-            rows=rows,
-            cones=[*cones, clarabel.NonnegativeConeT(k + 1)],
-            work=Work(),
-        )
-        x = np.asarray(solution.x)
-        if not np.isfinite(x).all():
-            return None
+        if limit is None:
+            x, _ = least(balance, -load / size, cones, cost=total)
+        else:
+            x, _ = least(limited, np.append(-load / size, limit), cones, squares=squares)
         x = np.concatenate([frictional.projected(x[:n].reshape(-1, 3)).ravel(), x[n:].clip(0.0)])
         return x if np.linalg.norm(balance @ x + load / size) <= NO_PROP else None
 
-    least = solved(None)
-    if least is None:
+    lowest = solved(None)
+    if lowest is None:
         return None
-    shared = solved(float(total @ least) + _LOOSE)
-    found = least if shared is None else shared
+    shared = solved(float(total @ lowest) + _LOOSE)
+    found = lowest if shared is None else shared
     return size * found[:n].reshape(-1, 3), size * found[n:-1]

@@ -35,7 +35,7 @@ from mbd.building.propping import NO_PROP, least_propping
 from mbd.building.take_out import Removal, WayOut
 from mbd.contacts.jacobian import contact_wrenches
 from mbd.contacts.supports import support_wrenches
-from mbd.friction.loading import MOST_SECONDS
+from mbd.loading import MOST_SECONDS
 from mbd.options import Along, Rigid, Stages
 from mbd.system import RigidStatement, RigidSystem, Stated
 

@@ -27,7 +27,7 @@ from geometry.parts.rows import Row, finite, first_of, grouped, number
 from geometry.polyhedra.separation import spread
 from mbd.building.sweeps import Sweeps
 from mbd.contacts.jacobian import contact_jacobian
-from mbd.frictionless.mechanism import Mechanism, classify
+from mbd.mechanism import Mechanism, classify
 
 #: A direction is free where no gap closes by more than this part of the way [rad].
 ANGLE = 1e-6

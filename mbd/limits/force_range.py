@@ -19,8 +19,6 @@ References: eq. SCP-linear of the paper; Kao, Iannuzzo, Thomaszewski, Coros, Van
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
@@ -30,9 +28,9 @@ import scipy.sparse as sp
 
 from geometry.mesh import BoolArray, FloatArray, IntArray
 from geometry.parts.rows import Row, finite
+from mbd.contacts.friction import FrictionalContacts
 from mbd.contacts.jacobian import RigidContacts
-from mbd.friction.equilibrium import FrictionalContacts
-from mbd.frictionless.equilibrium import newton_equilibrium
+from mbd.equilibrium import newton_equilibrium
 from mbd.limits.plane import Reduced
 from mbd.programs import DETERMINED, LinearPrograms, Work
 
@@ -124,8 +122,7 @@ def force_ranges(
     shown: FloatArray,
     *,
     frictional: Reduced | None = None,
-    progress: Callable[[int, int], None] | None = None,
-    limit: float = math.inf,
+    work: Work | None = None,
 ) -> ForceRanges | None:
     """Least and largest normal force of every joint.
 
@@ -142,10 +139,8 @@ def force_ranges(
         Normal forces of the least-norm answer, (n_contacts,) [N].
     frictional
         The same contacts with friction, in their plane where there is one; None for none.
-    progress
-        Called with the number of joints that are done and that of all.
-    limit
-        Reference seconds (`geometry.machine.work`) after which no joint is asked any more.
+    work
+        What may be spent; no joint is asked beyond.
 
     Returns
     -------
@@ -161,15 +156,13 @@ def force_ranges(
     else:
         matrix, of = _edges(frictional.contacts), np.repeat(joint[frictional.kept], 4)
         load = load[frictional.rows]
-    work, known = Work(limit), _all_pressed(contacts, n_joints)
+    work, known = work or Work(), _all_pressed(contacts, n_joints)
     pressed = _self_stressed(matrix, of, n_joints, work) if known is None else known
     target = -load / size if size > 0.0 else -load
     programs = LinearPrograms(matrix, (target, target), (0.0, np.inf), work)
     answer = partial(ForceRanges, pairs[:, 0], pairs[:, 1], shown=sums, load=size)
     least, largest = np.full(n_joints, np.nan), np.where(pressed, np.inf, np.nan)
     for k in range(n_joints):
-        if progress is not None:
-            progress(k, n_joints)
         result = programs.least((of == k).astype(np.float64))
         if work.spent:
             return _stopped(answer(least, largest))

@@ -10,8 +10,8 @@ from scipy.spatial import KDTree
 
 from geometry.mesh import FloatArray, IntArray
 from geometry.parts.placed import AnyBlocks
+from mbd.contacts.friction import FrictionalContacts
 from mbd.contacts.jacobian import RigidContacts
-from mbd.friction.equilibrium import FrictionalContacts
 
 #: Out-of-plane parts below this fraction are round-off of vertices and normals.
 _FLAT = 1e-9

@@ -19,8 +19,7 @@ displacement grows on top of all other loads until the blocks move.
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from typing import Any
@@ -36,15 +35,8 @@ from geometry.parts.rows import Row, finite, number
 from geometry.parts.supports import HeldFace
 from mbd.contacts.jacobian import RigidContacts
 from mbd.contacts.supports import Guide, RigidSupportError
-from mbd.friction.equilibrium import (
-    CollapseLoad,
-    collapse_load,
-)
-from mbd.frictionless.equilibrium import (
-    Equilibrium,
-    column_weights,
-    newton_equilibrium,
-)
+from mbd.equilibrium import Equilibrium, column_weights, newton_equilibrium
+from mbd.limits.collapse import CollapseLoad, collapse_load
 from mbd.limits.sliding_collapse import SlidingCollapse, sliding_collapse
 from mbd.options import FrictionLaw, Norm
 from mbd.programs import Work
@@ -100,22 +92,15 @@ class Margin:
         }
 
 
-def interlocking_margin(
-    contacts: RigidContacts,
-    *,
-    limit: float = math.inf,
-    progress: Callable[[int], None] | None = None,
-) -> Margin:
+def interlocking_margin(contacts: RigidContacts, work: Work | None = None) -> Margin:
     """Carry unit forces and couples, both ways, on each free block in turn.
 
-    Costs twelve equilibria for each free block. No further load is asked after a limit of reference
-    seconds (`geometry.machine.work`). ``progress`` gets the number of unit loads that were asked.
+    Costs twelve equilibria for each free block. No further load is asked where no work is left.
     """
     areas, (n_rows, n_contacts) = contacts.areas, contacts.jacobian.shape
     bearing = np.full((n_rows, 2), np.nan)
     mechanism: FloatArray | None = None
-    work = Work(limit, progress=progress)
-    answers = _equilibria(contacts, _units(contacts), Norm.PRESSURE, work=work)
+    answers = _equilibria(contacts, _units(contacts), Norm.PRESSURE, work=work or Work())
     for place, (load, found) in enumerate(answers):
         area = 0.0
         if np.linalg.norm(load) <= _TAKEN:

@@ -1,6 +1,6 @@
 """Collapse by sliding that does not dilate: non-associated friction, with a certificate.
 
-Limit analysis (`mbd.friction.equilibrium.collapse_load`) lets a sliding joint open by
+Limit analysis (`mbd.limits.collapse.collapse_load`) lets a sliding joint open by
 n·δ = μ ‖δ_t‖: an associated flow that dry joints do not show, and an upper bound for
 what they carry. Here a joint that presses does not open. Wanted is the least factor α at which
 forces and a motion exist with
@@ -31,8 +31,7 @@ linear programming", Comput. Struct. 84 (2006).
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, replace
 from functools import partial
 from typing import Any
@@ -42,18 +41,12 @@ import scipy.sparse as sp
 
 from geometry.mesh import FloatArray
 from geometry.parts.rows import Row, finite
-from mbd.friction.equilibrium import (
-    TANGENTS,
-    CollapseLoad,
-    FrictionalContacts,
-    by_block,
-    collapse_load,
-    frictional_equilibrium,
-)
-from mbd.frictionless.equilibrium import EQUILIBRIUM_TOLERANCE
+from mbd.contacts.friction import TANGENTS, FrictionalContacts
+from mbd.equilibrium import EQUILIBRIUM_TOLERANCE, by_block, frictional_equilibrium
+from mbd.limits.collapse import CollapseLoad, collapse_load
 from mbd.limits.plane import Reduced
 from mbd.options import FrictionLaw
-from mbd.programs import LinearPrograms, Work, least_conic
+from mbd.programs import Cones, LinearPrograms, Work, least
 from mbd.system import RigidSystem
 
 #: Largest violation of any law in a certified state; see `SlidingCheck` for what it is relative to.
@@ -358,17 +351,14 @@ def sliding_collapse(
     contacts: FrictionalContacts,
     dead: FloatArray,
     live: FloatArray,
-    *,
-    limit: float = math.inf,
-    progress: Callable[[int], None] | None = None,
+    work: Work | None = None,
 ) -> SlidingCollapse:
     """Search the least α at which the blocks can begin to slide without dilation.
 
     The linear programs use the pyramid. With `FrictionLaw.CONE` the motion is chosen, and the state
     judged, by the cone: forces inside the pyramid reach it where joints slide along their
     tangents, as in plane walls and arches; elsewhere the state may fail to be certified. Dead and
-    live load are generalized forces, (n_rows,) [N]. ``limit`` is in reference seconds
-    (`geometry.machine.work`); ``progress`` gets the number of programs solved.
+    live load are generalized forces, (n_rows,) [N]; ``work`` is what may be spent.
 
     Raises
     ------
@@ -381,7 +371,7 @@ def sliding_collapse(
         none = np.zeros_like(start.forces)
         return SlidingCollapse(factor=np.nan, associated=np.nan, forces=none, reason=start.status)
     scale, size = float(np.linalg.norm(dead)) or 1.0, float(np.linalg.norm(live))
-    work = Work(limit, progress=progress)
+    work = work or Work()
     programs = _Programs.of(linear, dead / scale, live / size, work)
     state = _first_state(programs, start, (scale, size))
     if state is None:
@@ -468,20 +458,19 @@ def _least_dissipation(
     tangential = slips[(3 * pressed[:, None] + np.array([0, 1, 2])).ravel()]
     tangential = sp.diags_array(np.tile([0.0, 1.0, 1.0], n)) @ tangential
     opening: list[Any] = [slips[0::3], sp.csc_array((contacts.n_contacts, n))]
-    solution = least_conic(
+    open_or_shut = clarabel.NonnegativeConeT(contacts.n_contacts)
+    x, _ = least(
+        sp.hstack([sp.csc_array(live[None, :]), sp.csc_array((1, n))]),
+        np.ones(1),
+        Cones(
+            sp.block_array([opening, [tangential, picks]]),
+            [open_or_shut, *[clarabel.SecondOrderConeT(3)] * n],
+        ),
         # Bounds what blocks that nothing presses may do.
-        quadratic=sp.diags_array(np.concatenate([np.full(rows, 1e-9), np.zeros(n)])),
+        squares=sp.diags_array(np.concatenate([np.full(rows, 1e-9), np.zeros(n)])),
         cost=np.concatenate([-dead, weight[pressed]]),
-        equal=sp.hstack([sp.csc_array(live[None, :]), sp.csc_array((1, n))]),
-        target=np.ones(1),
-        rows=sp.block_array([opening, [tangential, picks]]),
-        cones=[
-            clarabel.NonnegativeConeT(contacts.n_contacts),
-            *[clarabel.SecondOrderConeT(3)] * n,
-        ],
-        work=Work(),
     )
-    return np.asarray(solution.x)[:rows]
+    return x[:rows]
 
 
 def sliding_state(system: RigidSystem, found: SlidingCollapse, problem: Reduced) -> dict[str, Any]:

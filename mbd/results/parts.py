@@ -13,13 +13,13 @@ import numpy as np
 
 from geometry.mesh import FloatArray
 from geometry.parts.rows import Part, Row
-from mbd.friction.equilibrium import CollapseLoad, by_block, collapse_load
-from mbd.friction.squeeze import Squeeze
-from mbd.frictionless.equilibrium import Equilibrium
+from mbd.equilibrium import Equilibrium, by_block
+from mbd.limits.collapse import CollapseLoad, collapse_load
 from mbd.limits.force_range import ForceRanges, force_ranges
 from mbd.limits.plane import Reduced, reduced
-from mbd.limits.pushes import Margin, interlocking_margin
+from mbd.limits.pushes import interlocking_margin
 from mbd.limits.sliding_collapse import SlidingCollapse, sliding_collapse, sliding_state
+from mbd.loading import Squeeze
 from mbd.results.motion import motion_of_blocks, placed_motion
 from mbd.system import RigidSystem
 
@@ -78,13 +78,14 @@ def parts_of(system: RigidSystem) -> dict[str, Part]:
     collapse = _collapse(system) if method.collapse else None
     # Without a limit the answer rests on friction that jams: the ranges of forces decide.
     jams = collapse is not None and bool(np.isinf(collapse.factor))
+    work = partial(system.counted, "unit loads of the margin")
     ranges = (method.ranges or jams) and (balance is None or balance.holds)
     parts: dict[str, Part | None] = {
         "friction": None if balance is None else _friction(system, balance),
         "collapse": collapse,
         "sliding": _sliding(system) if method.sliding else None,
         "ranges": _ranges(system) if ranges else None,
-        "margin": _margin(system) if method.margin else None,
+        "margin": interlocking_margin(system.contacts, work()) if method.margin else None,
     }
     return {name: part for name, part in parts.items() if part is not None}
 
@@ -119,11 +120,10 @@ def _reduced(system: RigidSystem, *loads: FloatArray) -> Reduced:
 
 def _sliding(system: RigidSystem) -> SlidingCollapse:
     """Collapse by sliding without dilation, in the plane where the problem is plane."""
-    system.tell("collapse by sliding without dilation")
-    loads, progress = (system.dead, system.live), system.counting("sliding collapse")
-    problem = _reduced(system, *loads)
-    dead, live = (load[problem.rows] for load in loads)
-    result = sliding_collapse(problem.contacts, dead, live, progress=progress)
+    work = system.counted("collapse by sliding without dilation")
+    problem = _reduced(system, system.dead, system.live)
+    dead, live = (load[problem.rows] for load in (system.dead, system.live))
+    result = sliding_collapse(problem.contacts, dead, live, work)
     if result.mechanism is not None:
         motion = problem.motion(result.mechanism, len(system.force))
         result = replace(result, mechanism=motion)
@@ -132,16 +132,11 @@ def _sliding(system: RigidSystem) -> SlidingCollapse:
 
 def _ranges(system: RigidSystem) -> ForceRanges | None:
     """Ranges of the joints' forces, where forces balance the load."""
-
-    def progress(done: int, of: int) -> None:
-        system.tell(f"range of the forces of joints: {done} of {of}")
-
-    find = partial(force_ranges, system.contacts, system.force, progress=progress)
+    contacts, force = system.contacts, system.force
+    work = system.counted("ranges of the forces of joints")
     if system.balance is not None:
-        return find(system.balance.forces[:, 0], frictional=_reduced(system, system.force))
-    return find(system.frictionless.forces) if system.frictionless.holds else None
-
-
-def _margin(system: RigidSystem) -> Margin:
-    progress = system.counting("unit loads of the margin")
-    return interlocking_margin(system.contacts, progress=progress)
+        problem, shown = _reduced(system, force), system.balance.forces[:, 0]
+        return force_ranges(contacts, force, shown, frictional=problem, work=work)
+    if not system.frictionless.holds:
+        return None
+    return force_ranges(contacts, force, system.frictionless.forces, work=work)

@@ -30,8 +30,8 @@ from geometry.parts.rows import Part, Row, finite, grouped
 from geometry.polyhedra.options import CROSSING_EDGES, STANDING_CORNER
 from mbd.contacts.jacobian import contact_wrenches
 from mbd.contacts.supports import support_wrenches
-from mbd.frictionless.equilibrium import Equilibrium
-from mbd.frictionless.mechanism import Classification, Mechanism, MechanismClass
+from mbd.equilibrium import Equilibrium
+from mbd.mechanism import Classification, Mechanism, MechanismClass
 from mbd.options import Norm
 from mbd.results.motion import placed_motion
 

@@ -40,7 +40,7 @@ UNUSED = (
         "geometry.polyhedra.facet_contact",
         "geometry.files.readers",
     ),
-    *("mbd.programs", "mbd.friction.", "mbd.limits"),
+    *("mbd.programs", "mbd.contacts.friction", "mbd.limits"),
     *("validation.output.pictures.canvas", "validation.output.pictures.gallery"),
     *("validation.study", "validation.pages", "validation.paper", "validation.stability"),
     *("mbd.held", "validation.build.polyhedra", "validation.build.supports"),
@@ -76,7 +76,7 @@ def test_lists_and_help_load_no_numbers(words: tuple[str, ...]) -> None:
 
 def test_a_rigid_tube_loads_its_statement_and_its_solver() -> None:
     modules = loaded("mbd", "tsb1-pipe", "--json", "-")
-    assert "mbd.frictionless.equilibrium" in modules
+    assert "mbd.equilibrium" in modules
     assert foreign(modules) <= TERMINAL | SCENES | NUMBERS
     assert {name for name in modules if name.startswith("fem")} <= STATEMENT
     parts = {name.split(".")[1] for name in modules if name.startswith("scipy.")}

@@ -19,7 +19,8 @@ from fem.decks.keywords import DeckError
 from geometry.errors import RefusedError
 from geometry.parts.pairs import pair_values
 from mbd import contact_jacobian
-from mbd.friction.equilibrium import collapse_load, frictional_contacts
+from mbd.contacts.friction import frictional_contacts
+from mbd.limits.collapse import collapse_load
 from mbd.limits.force_range import force_ranges
 from mbd.limits.plane import in_space
 from mbd.limits.sliding_collapse import sliding_collapse

@@ -16,7 +16,8 @@ from fem.static.solve import static_state
 from fem.system.reactions import PushCurve
 from geometry.families.platonic_layers import tetrahedron
 from mbd import contact_jacobian
-from mbd.friction.equilibrium import frictional_contacts, frictional_equilibrium
+from mbd.contacts.friction import frictional_contacts
+from mbd.equilibrium import frictional_equilibrium
 from mbd.limits.force_range import force_ranges
 from mbd.limits.plane import in_space
 from tests.support.commands import command

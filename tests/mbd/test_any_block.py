@@ -28,18 +28,13 @@ from geometry.polyhedra.facet_contact import _at_vertices
 from geometry.polyhedra.options import ContactPlacement, CubeArrangement, DetectionOptions
 from geometry.polyhedra.polyhedron import convex_polyhedron
 from mbd import Norm, Rigid, Solver, analyse, contact_jacobian
+from mbd.contacts.friction import FrictionalContacts, RigidFrictionError, frictional_contacts
 from mbd.contacts.jacobian import RigidContacts
-from mbd.friction.equilibrium import (
-    FrictionalContacts,
-    FrictionLaw,
-    RigidFrictionError,
-    collapse_load,
-    frictional_contacts,
-    frictional_equilibrium,
-)
-from mbd.frictionless.equilibrium import equilibrium, newton_equilibrium
-from mbd.frictionless.mechanism import Classification, Mechanism, SelfStress, classify
+from mbd.equilibrium import equilibrium, frictional_equilibrium, newton_equilibrium
+from mbd.limits.collapse import collapse_load
 from mbd.limits.pushes import Pushes, interlocking_margin
+from mbd.mechanism import Classification, Mechanism, SelfStress, classify
+from mbd.options import FrictionLaw
 from mbd.system import RigidSystem, Stated
 from tests.support.blocks import random_rotation, tsb
 from tests.support.linear_programs import solve_linear_programs

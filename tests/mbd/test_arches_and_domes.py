@@ -8,7 +8,9 @@ import pytest
 from geometry.families.masonry import CircularArch
 from geometry.polyhedra.assembly import PolyhedralAssembly
 from mbd import contact_jacobian
-from mbd.friction.equilibrium import collapse_load, frictional_contacts, frictional_equilibrium
+from mbd.contacts.friction import frictional_contacts
+from mbd.equilibrium import frictional_equilibrium
+from mbd.limits.collapse import collapse_load
 from tests.support.dome import hemisphere
 from tests.support.limit_programs import arch, least, lune, sideways, stands
 from tests.verification.closed_forms import body_force

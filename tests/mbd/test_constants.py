@@ -19,8 +19,8 @@ from geometry.polyhedra.assembly import PolyhedralAssembly, polyhedral_assembly
 from geometry.polyhedra.options import ContactPlacement, DetectionOptions
 from geometry.polyhedra.polyhedron import Polyhedron, convex_polyhedron
 from mbd import contact_jacobian
-from mbd.friction.equilibrium import frictional_contacts
-from mbd.frictionless.equilibrium import newton_equilibrium
+from mbd.contacts.friction import frictional_contacts
+from mbd.equilibrium import newton_equilibrium
 from mbd.limits.force_range import force_ranges
 from mbd.limits.plane import in_space, reduced
 from mbd.limits.pushes import Pushes

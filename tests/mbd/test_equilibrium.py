@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pickle
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -21,11 +22,13 @@ from geometry.families.tube import SineTube
 from geometry.loads import LoadCase, named_load
 from geometry.mesh import HexMesh, grid_faces, structured_hexahedra
 from mbd import Norm, Rigid, Solver, analyse, contact_jacobian
-from mbd.frictionless.equilibrium import clarabel_equilibrium, column_weights, newton_equilibrium
+from mbd.equilibrium import column_weights, equilibrium, newton_equilibrium
 from tests.support.blocks import random_rotation, tsb
 from tests.support.matrix_jacobian import as_jacobian
 
 pytestmark = pytest.mark.quick
+
+by_cones = partial(equilibrium, solver=Solver.CLARABEL)
 
 
 def random_jacobian(rng: np.random.Generator, rows: int, columns: int) -> np.ndarray:
@@ -42,7 +45,7 @@ def test_newton_and_clarabel_find_the_same_forces(seed: int, rows: int, extra: i
     load = -matrix @ forces
     ours, other = (
         newton_equilibrium(as_jacobian(matrix), load),
-        clarabel_equilibrium(as_jacobian(matrix), load),
+        by_cones(as_jacobian(matrix), load),
     )
     assert ours.holds
     assert ours.residual < 1e-9
@@ -70,7 +73,7 @@ def test_infeasible_loads_come_with_a_mechanism_that_multiplies_out(
     load += (0.1 * np.linalg.norm(load) - load @ unit) * unit
     for result in (
         newton_equilibrium(as_jacobian(matrix), load),
-        clarabel_equilibrium(as_jacobian(matrix), load),
+        by_cones(as_jacobian(matrix), load),
     ):
         assert not result.holds
         assert result.mechanism is not None
@@ -113,18 +116,25 @@ def test_no_load_and_no_contacts() -> None:
     assert free.mechanism is not None
 
 
-@pytest.mark.parametrize("solve", [newton_equilibrium, clarabel_equilibrium])
+@pytest.mark.parametrize("solve", [newton_equilibrium, by_cones])
 @pytest.mark.parametrize(
     ("imbalance", "holds"), [(1e-2, False), (1e-4, False), (1e-5, False), (0.0, True)]
 )
 def test_a_hundred_thousandth_of_the_load_that_nothing_carries_is_no_equilibrium(
     solve, imbalance: float, holds: bool
 ) -> None:
-    """Two opposed contacts along x; the paper's tolerance of the residual is 1e-6."""
+    """Two opposed contacts along x; the paper's tolerance of the residual is 1e-6.
+
+    The motion along y proves it: no forces leave less of the load than its work on a motion.
+    """
     matrix = np.array([[1.0, -1.0], [0.0, 0.0]])
     found = solve(as_jacobian(matrix), np.array([1.0, imbalance]))
     assert found.holds is holds
-    assert found.residual == pytest.approx(imbalance, rel=1e-3, abs=1e-9)
+    assert found.residual >= imbalance * (1.0 - 1e-3)
+    if holds:
+        assert found.residual <= 1e-9
+    else:
+        np.testing.assert_allclose(found.mechanism, [0.0, 1.0], atol=1e-9)
 
 
 @pytest.mark.parametrize(("aside", "holds"), [(0.95e-7, True), (1.05e-7, False)])
@@ -377,7 +387,7 @@ def test_one_brick_between_two() -> None:
     assert not analyse(wall, load=named_load("pipe", 0.01).on(wall)).details.equilibrium.holds
 
 
-@pytest.mark.parametrize("solver", [newton_equilibrium, clarabel_equilibrium])
+@pytest.mark.parametrize("solver", [newton_equilibrium, by_cones])
 @pytest.mark.parametrize("size", [1e-290, 1e290])
 def test_forces_grow_with_the_load_however_large_or_small(solver, size: float) -> None:
     """Equilibrium is homogeneous: s f needs s λ, also where s² is no number of the machine."""

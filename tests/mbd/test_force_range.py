@@ -15,10 +15,11 @@ from geometry.families.platonic_layers import TetrahedraLayer
 from geometry.mesh import FloatArray
 from geometry.polyhedra.assembly import PolyhedralAssembly, polyhedral_assembly
 from mbd import contact_jacobian
-from mbd.friction.equilibrium import FrictionLaw, frictional_contacts, frictional_equilibrium
-from mbd.frictionless.equilibrium import newton_equilibrium
+from mbd.contacts.friction import frictional_contacts
+from mbd.equilibrium import frictional_equilibrium, newton_equilibrium
 from mbd.limits.force_range import ForceRanges, force_ranges
 from mbd.limits.plane import in_space, reduced
+from mbd.options import FrictionLaw
 from tests.support.commands import command
 from tests.verification.closed_forms import body_force
 

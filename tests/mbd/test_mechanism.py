@@ -17,8 +17,8 @@ from geometry.families.tube import SineTube
 from geometry.loads import LoadCase, named_load
 from mbd import MechanismClass, RigidResult, analyse, contact_jacobian
 from mbd.contacts.jacobian import contact_wrenches
-from mbd.frictionless.equilibrium import newton_equilibrium
-from mbd.frictionless.mechanism import Mechanism, SelfStress, classify
+from mbd.equilibrium import newton_equilibrium
+from mbd.mechanism import Mechanism, SelfStress, classify
 from mbd.results.motion import placed_motion
 from tests.support.blocks import random_rotation, tsb
 from tests.support.linear_programs import solve_linear_programs

@@ -21,7 +21,8 @@ from geometry.parts.measures import (
 )
 from geometry.polyhedra.polyhedron import convex_polyhedron
 from mbd import analyse, contact_jacobian
-from mbd.friction.equilibrium import frictional_contacts, frictional_equilibrium
+from mbd.contacts.friction import frictional_contacts
+from mbd.equilibrium import frictional_equilibrium
 from tests.support.answers import on_its_mesh
 from tests.support.arch import ARCH, arch_run
 from tests.support.assemblies import dovetail

@@ -12,7 +12,8 @@ import pytest
 from geometry import Answer, CircularArch, Polyhedron, convex_polyhedron
 from geometry.parts.measures import first_largest
 from mbd import contact_jacobian
-from mbd.friction.equilibrium import frictional_contacts, frictional_equilibrium
+from mbd.contacts.friction import frictional_contacts
+from mbd.equilibrium import frictional_equilibrium
 from mbd.options import FrictionLaw
 from tests.support.commands import command
 from validation import load_case, solve

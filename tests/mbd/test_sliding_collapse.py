@@ -12,12 +12,9 @@ from geometry.parts.placed import AssemblyError
 from geometry.polyhedra.assembly import PolyhedralAssembly, polyhedral_assembly
 from geometry.polyhedra.polyhedron import convex_polyhedron
 from mbd import Rigid, analyse, contact_jacobian
-from mbd.friction.equilibrium import (
-    FrictionalContacts,
-    collapse_load,
-    frictional_contacts,
-    frictional_equilibrium,
-)
+from mbd.contacts.friction import FrictionalContacts, frictional_contacts
+from mbd.equilibrium import frictional_equilibrium
+from mbd.limits.collapse import collapse_load
 from mbd.limits.plane import reduced
 from mbd.limits.sliding_collapse import check_sliding, sliding_collapse
 from mbd.options import FrictionLaw

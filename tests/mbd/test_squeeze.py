@@ -16,8 +16,9 @@ from geometry.mesh import FloatArray
 from geometry.polyhedra.assembly import PolyhedralAssembly, polyhedral_assembly
 from geometry.polyhedra.polyhedron import convex_polyhedron
 from mbd import analyse, contact_jacobian
-from mbd.friction.equilibrium import frictional_contacts, frictional_equilibrium
-from mbd.friction.squeeze import Squeeze, squeeze
+from mbd.contacts.friction import frictional_contacts
+from mbd.equilibrium import frictional_equilibrium
+from mbd.loading import Squeeze, squeeze
 from mbd.options import FrictionLaw
 from validation import load_case, solve
 

@@ -16,8 +16,10 @@ from geometry.parts.regions import Plane
 from geometry.parts.supports import HeldFace
 from geometry.polyhedra.assembly import as_polyhedral
 from mbd import MechanismClass, analyse, contact_jacobian
+from mbd.contacts.friction import frictional_contacts
 from mbd.contacts.supports import RigidSupportError
-from mbd.friction.equilibrium import collapse_load, frictional_contacts, frictional_equilibrium
+from mbd.equilibrium import frictional_equilibrium
+from mbd.limits.collapse import collapse_load
 from mbd.limits.force_range import force_ranges
 from mbd.limits.plane import in_space
 from mbd.limits.pushes import Pushes, interlocking_margin

@@ -24,13 +24,13 @@ from geometry.machine.work import (
 )
 from mbd import Rigid, analyse, contact_jacobian
 from mbd.answer import _CONTACT_BYTES
-from mbd.friction.equilibrium import frictional_contacts, frictional_equilibrium
-from mbd.friction.squeeze import squeeze
-from mbd.frictionless.equilibrium import newton_equilibrium
+from mbd.contacts.friction import frictional_contacts
+from mbd.equilibrium import frictional_equilibrium, newton_equilibrium
 from mbd.limits.force_range import force_ranges
 from mbd.limits.plane import in_space
 from mbd.limits.pushes import interlocking_margin
 from mbd.limits.sliding_collapse import sliding_collapse
+from mbd.loading import squeeze
 from mbd.programs import Work
 from tests.support.blocks import tsb
 from tests.verification import printed_numbers
@@ -106,7 +106,9 @@ def test_ranges_known_at_the_limit_are_those_without_one(wall) -> None:
     assert every is not None
     assert every.unanswered == 0
     # All least forces and no largest one: HiGHS needs some iterations for each.
-    few = force_ranges(contacts, load, shown, frictional=in_space(frictional), limit=2e5 * EACH)
+    few = force_ranges(
+        contacts, load, shown, frictional=in_space(frictional), work=Work(2e5 * EACH)
+    )
     assert few is not None
     assert 0 < few.unanswered <= len(few.least)
     assert few.unanswered == np.isnan(few.width).sum()
@@ -119,7 +121,7 @@ def test_a_search_for_sliding_says_where_it_stopped() -> None:
     """No smaller factor than the one it starts from, which the whole search finds."""
     problem, assembly = printed_numbers.wall("W1")
     loads = [body_force(assembly, way)[problem.rows] for way in (DOWN, ASIDE)]
-    found = sliding_collapse(problem.contacts, *loads, limit=EACH)
+    found = sliding_collapse(problem.contacts, *loads, Work(EACH))
     assert found.stopped
     assert f"limit of work, {found.programs} linear programs" in found.status
     whole = sliding_collapse(problem.contacts, *loads)
@@ -132,7 +134,8 @@ def test_a_squeeze_that_is_not_decided_says_so(wall) -> None:
     load = body_force(assembly, DOWN)
     forces = frictional_equilibrium(frictional, load).forces
     told: list[int] = []
-    found = squeeze(contacts, frictional, load, 0.5 * forces, limit=EACH, progress=told.append)
+    work = Work(EACH, progress=told.append)
+    found = squeeze(contacts, frictional, load, 0.5 * forces, work=work)
     assert found.needed is None
     assert found.reason().startswith("limit of work or time after")
     assert told == list(range(1, found.programs + 1))
@@ -141,7 +144,7 @@ def test_a_squeeze_that_is_not_decided_says_so(wall) -> None:
 def test_unit_loads_left_at_the_limit_are_counted() -> None:
     contacts = contact_jacobian(OctahedraLayer(50.0, 0).build())
     every = interlocking_margin(contacts)
-    found = interlocking_margin(contacts, limit=EACH)
+    found = interlocking_margin(contacts, Work(EACH))
     assert every.unasked == 0
     assert found.unasked == every.areas.size - 1
     assert found.bearing_area == every.areas[0, 0, 0] >= every.bearing_area

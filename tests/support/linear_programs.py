@@ -1,4 +1,4 @@
-"""The paper's linear programs in HiGHS: a check of `mbd.frictionless.mechanism.classify`."""
+"""The paper's linear programs in HiGHS: a check of `mbd.mechanism.classify`."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ from scipy.optimize import linprog
 
 from geometry.mesh import FloatArray
 from mbd.contacts.jacobian import ContactJacobian
-from mbd.frictionless.equilibrium import EQUILIBRIUM_TOLERANCE, load_size
-from mbd.frictionless.mechanism import RANK_TOLERANCE, MechanismClass, smallest_singular_pair
+from mbd.equilibrium import EQUILIBRIUM_TOLERANCE, load_size
+from mbd.mechanism import RANK_TOLERANCE, MechanismClass, smallest_singular_pair
 
 
 @dataclass(frozen=True)

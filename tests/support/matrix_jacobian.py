@@ -19,6 +19,7 @@ class MatrixJacobian:
 
     matrix: scipy.sparse.csc_array
     """(n_rows, n_contacts)."""
+    motions = None
 
     @property
     def shape(self) -> tuple[int, int]:

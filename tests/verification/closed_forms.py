@@ -22,12 +22,9 @@ from geometry import (
 from geometry.families.masonry import box
 from geometry.polyhedra.assembly import polyhedral_assembly
 from mbd import contact_jacobian
-from mbd.friction.equilibrium import (
-    collapse_load,
-    frictional_contacts,
-    frictional_equilibrium,
-)
-from mbd.frictionless.equilibrium import Equilibrium
+from mbd.contacts.friction import frictional_contacts
+from mbd.equilibrium import Equilibrium, frictional_equilibrium
+from mbd.limits.collapse import collapse_load
 
 #: Minimum thickness of a semicircular arch over its centre-line radius, four digits.
 ARCH_LIMIT = 0.1075

@@ -16,7 +16,9 @@ import numpy as np
 from geometry import CircularArch, PolyhedralAssembly
 from geometry.families.masonry import wall_of_rows
 from mbd import contact_jacobian
-from mbd.friction.equilibrium import collapse_load, frictional_contacts, frictional_equilibrium
+from mbd.contacts.friction import frictional_contacts
+from mbd.equilibrium import frictional_equilibrium
+from mbd.limits.collapse import collapse_load
 from mbd.limits.plane import Reduced, reduced
 from mbd.limits.sliding_collapse import SlidingCollapse, sliding_collapse
 from tests.verification.closed_forms import bisect, body_force, incline

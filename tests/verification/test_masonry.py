@@ -23,8 +23,9 @@ import pytest
 from geometry import CircularArch, PolyhedralAssembly, RunningBondWall
 from geometry.files.hexahedral_solids import flat_side
 from mbd import contact_jacobian
-from mbd.friction.equilibrium import frictional_contacts, frictional_equilibrium
-from mbd.frictionless.mechanism import classify
+from mbd.contacts.friction import frictional_contacts
+from mbd.equilibrium import frictional_equilibrium
+from mbd.mechanism import classify
 from tests.support.dome import hemisphere
 from tests.support.limit_programs import lune, stands
 from tests.verification import printed_numbers as others

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from mbd import contact_jacobian
-from mbd.frictionless.mechanism import Mechanism
+from mbd.mechanism import Mechanism
 from validation import load_case, solve
 from validation.paper.reference import reference
 

@@ -19,8 +19,8 @@ from geometry.parts.rows import Row
 from geometry.polyhedra.assembly import PolyhedralAssembly, as_polyhedral
 from geometry.polyhedra.overlap import Overlap, find_overlaps
 from mbd import MechanismClass, contact_jacobian
-from mbd.frictionless.equilibrium import Equilibrium, newton_equilibrium
-from mbd.frictionless.mechanism import classify
+from mbd.equilibrium import Equilibrium, newton_equilibrium
+from mbd.mechanism import classify
 from validation.case import Case
 
 #: Displacements looked at, in wall thicknesses.

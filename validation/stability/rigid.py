@@ -16,8 +16,8 @@ from geometry.mesh import FloatArray
 from geometry.parts.placed import AssemblyError
 from mbd import Norm, analyse, contact_jacobian
 from mbd.contacts.jacobian import ContactJacobian, PairWrenches, RigidContacts
-from mbd.frictionless.equilibrium import column_weights, newton_equilibrium
-from mbd.frictionless.mechanism import Classification, SelfStress
+from mbd.equilibrium import column_weights, newton_equilibrium
+from mbd.mechanism import Classification, SelfStress
 from validation.stability.case import CaseVerdict, Number, case, case_verdict, rejected
 from validation.stability.problems import pressed, relative_difference, stack, tsb1_tube
 

@@ -17,8 +17,10 @@ algorithm", SIAM J. Control Optim. 14 (1976).
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import partial
+from typing import TYPE_CHECKING
 
 import numpy as np
 import scipy.linalg
@@ -28,9 +30,16 @@ from geometry.mesh import BoolArray, FloatArray, ReadOnlyArrays
 from mbd.contacts.jacobian import ContactJacobian
 from mbd.options import Norm, Solver
 
+if TYPE_CHECKING:
+    from mbd.contacts.friction import FrictionalContacts
+    from mbd.programs import Solution, Work
+
 #: Relative residual above which nothing is called equilibrium (the paper's tolerance).
 EQUILIBRIUM_TOLERANCE = 1e-6
 
+#: A mechanism certifies only if no admissible unit force does more negative work than this
+#: fraction of the load's work.
+CERTIFICATE_TOLERANCE = 1e-6
 #: Relative residual at which the Newton iteration stops.
 _TARGET = 1e-12
 _EPS = float(np.finfo(np.float64).eps)
@@ -88,6 +97,11 @@ class Equilibrium(ReadOnlyArrays):
         return replace(self, forces=forces)
 
 
+def by_block(motion: FloatArray | None) -> list[list[float]] | None:
+    """Motion of each block as plain data, where there is one."""
+    return None if motion is None else motion.reshape(-1, 6).tolist()
+
+
 def column_weights(norm: Norm, areas: FloatArray) -> FloatArray:
     """Column scaling c so that min ‖μ‖² with λ = c μ minimises the chosen norm, (n_contacts,).
 
@@ -98,22 +112,21 @@ def column_weights(norm: Norm, areas: FloatArray) -> FloatArray:
     return np.sqrt(areas / areas.mean())
 
 
-def _infeasible_status() -> str:
+_NO_LOAD = "equilibrium: no load"
+
+
+def _status(residual: float, mechanism: FloatArray | None) -> str:
+    """Verdict in words, with the remedy where there is no equilibrium."""
+    if mechanism is not None:
+        return (
+            "no equilibrium: the load sets blocks in motion (see the certificate); "
+            "change the shape, fix more blocks or change the direction of the load"
+        )
+    if residual <= EQUILIBRIUM_TOLERANCE:
+        return f"statically admissible, relative residual {residual:.1e}"
     return (
-        "no equilibrium: the load sets blocks in motion (see the certificate); "
-        "change the shape, fix more blocks or change the direction of the load"
-    )
-
-
-def _balanced(residual: float) -> str:
-    return f"equilibrium, relative residual {residual:.1e}"
-
-
-def _undecided(residual: float) -> str:
-    return (
-        f"not in equilibrium: relative residual {residual:.1e} exceeds "
-        f"{EQUILIBRIUM_TOLERANCE:.0e} and no motion under the load was certified; "
-        "the load is at the limit of what the contacts carry"
+        f"undecided: relative residual {residual:.1e} exceeds {EQUILIBRIUM_TOLERANCE:.0e} and no "
+        "motion under the load was certified; the load is at the limit of what the contacts carry"
     )
 
 
@@ -133,9 +146,9 @@ def _at_once(jacobian: ContactJacobian, load: FloatArray, size: float) -> Equili
     n_rows, n_contacts = jacobian.shape
     answer = partial(Equilibrium, forces=np.zeros(n_contacts), multiplier=np.zeros(n_rows))
     if size == 0.0:
-        return answer(holds=True, residual=0.0, status="equilibrium: no load")
+        return answer(holds=True, residual=0.0, status=_NO_LOAD)
     if n_contacts == 0:
-        return answer(residual=1.0, mechanism=load / size, status=_infeasible_status())
+        return answer(residual=1.0, mechanism=load / size, status=_status(1.0, load))
     return None
 
 
@@ -324,10 +337,6 @@ def newton_equilibrium(
         rest = -dual.imbalance(gap) / dual.epsilon
         y = y + dual.step_length(y, gap, rest, dual.gap(rest)) * rest
     holds = direction is None and best <= EQUILIBRIUM_TOLERANCE
-    if direction is not None:
-        status = _infeasible_status()
-    else:
-        status = _balanced(best) if holds else _undecided(best)
     return Equilibrium(
         holds=holds,
         forces=size * final_forces,
@@ -335,59 +344,126 @@ def newton_equilibrium(
         mechanism=direction,
         iterations=used,
         multiplier=size * final_y,
-        status=status,
+        status=_status(best, direction),
     )
 
 
-def clarabel_equilibrium(
-    jacobian: ContactJacobian,
+def least_forces(
+    contacts: FrictionalContacts,
     load: FloatArray,
     *,
+    cost: FloatArray | None = None,
     weights: FloatArray | None = None,
-) -> Equilibrium:
-    """Solve the same problem by clarabel's interior-point method through qpsolvers.
+    live: FloatArray | None = None,
+    work: Work | None = None,
+) -> Solution:
+    """Solve for the admissible forces of least cost that balance a load of one (clarabel).
 
-    Parameters and result as in `newton_equilibrium`. Where clarabel finds no equilibrium, the
-    mechanism comes from the projection min ½‖G λ + f‖², λ >= 0, solved by clarabel too: its
-    residual is a load-activated mechanism.
+    Parameters
+    ----------
+    contacts
+        What is admissible.
+    load
+        (n_rows,)
+    cost
+        Of each force, (3 n_contacts,); None: half the sum of their squares …
+    weights
+        … over those of these, (n_contacts,); None: ones.
+    live
+        A load (n_rows,) whose factor is one more unknown, the last one, with its own cost.
+    work
+        Counts the program.
     """
-    from mbd.programs import least_quadratic
+    # Loaded here: most answers need no cone program.
+    from mbd.programs import Cones, least
 
-    n_rows, n_contacts = jacobian.shape
+    equal, (rows, kinds) = contacts.matrix, contacts.cones
+    squares = None
+    if cost is None:
+        column = np.ones(contacts.n_contacts) if weights is None else weights
+        squares = sp.diags_array(np.repeat(column**-2.0, 3))
+    if live is not None:
+        equal = sp.hstack([equal, sp.csc_array(live[:, None])])
+        rows = sp.hstack([rows, sp.csc_array((rows.shape[0], 1))])
+    return least(equal, -load, Cones(rows, kinds), squares=squares, cost=cost, work=work)
+
+
+def _unit_largest(direction: FloatArray) -> FloatArray:
+    """Direction scaled to a largest entry of 1; zero where it is not finite."""
+    largest = float(np.abs(direction).max(initial=0.0))
+    if not (np.isfinite(largest) and largest > 0.0):
+        return np.zeros_like(direction)
+    return direction / largest
+
+
+def certified(
+    contacts: FrictionalContacts, dual: FloatArray, load: FloatArray, closing: float = 0.0
+) -> tuple[FloatArray, float, float] | None:
+    """Motion along a dual or against it, its work and the least contact work; None: no mechanism.
+
+    No contact force may do more negative work than ``closing``, or than its part of the work.
+    """
+    direction = contacts.admissible(_unit_largest(dual))
+    size = float(np.linalg.norm(direction))
+    for unit in (direction / size, -direction / size) if size else ():
+        work = float(load @ unit) / float(np.linalg.norm(load))
+        least = float(contacts.smallest_work(unit).min(initial=0.0))
+        if work > 0.0 and least >= -max(closing, CERTIFICATE_TOLERANCE * work):
+            return unit, work, least
+    return None
+
+
+def _candidates(
+    contacts: FrictionalContacts, unit: FloatArray, weights: FloatArray | None
+) -> Iterator[tuple[FloatArray, FloatArray]]:
+    """Forces (3 n_contacts,) that may balance a load of one, and a direction that may prove none.
+
+    Those of least norm first; where they do not decide, those that miss least of the load.
+    """
+    from mbd.programs import Cones, least
+
+    n_rows, n = contacts.matrix.shape
+    if not n:
+        yield np.zeros(0), unit
+        return
+    yield least_forces(contacts, unit, weights=weights)
+    rest, (rows, kinds) = sp.eye_array(n_rows), contacts.cones
+    cones = Cones(sp.hstack([rows, sp.csc_array((rows.shape[0], n_rows))]), kinds)
+    squares = sp.block_diag([sp.csc_array((n, n)), rest])
+    x, _ = least(sp.hstack([contacts.matrix, -rest]), -unit, cones, squares=squares)
+    yield x[:n], x[n:]
+
+
+def frictional_equilibrium(
+    contacts: FrictionalContacts, load: FloatArray, *, weights: FloatArray | None = None
+) -> Equilibrium:
+    """Smallest admissible forces that balance a load (n_rows,) [N], or a certified mechanism.
+
+    By clarabel's interior-point method; smallest by the column scaling of `column_weights`,
+    (n_contacts,), ones by default. Undecided (neither holds nor a mechanism) at the edge of what
+    can be carried.
+    """
     size = load_size(load)
-    known = _at_once(jacobian, load, size)
-    if known is not None:
-        return known
-    column = np.ones(n_contacts) if weights is None else weights
-    matrix = jacobian.to_matrix() * column[None, :]
-    unit_load, none, rest = load / size, np.zeros(n_contacts), sp.eye_array(n_rows)
-    solution = least_quadratic(
-        sp.eye_array(n_contacts), equal=matrix, target=-unit_load, lower=none, tolerance=1e-12
-    )
-    # An infeasible problem still returns a vector: the residual, not the status alone, decides.
-    mu = none if solution.x is None else np.maximum(np.asarray(solution.x), 0.0)
-    residual = float(np.linalg.norm(matrix @ mu + unit_load))
-    direction = None
-    if not residual <= EQUILIBRIUM_TOLERANCE:
-        # Variables (μ, r) with r = G μ + f keep the problem as sparse as G.
-        solution = least_quadratic(
-            sp.block_diag([sp.csc_array((n_contacts, n_contacts)), rest]),
-            equal=sp.hstack([matrix, -rest]),
-            target=-unit_load,
-            lower=np.concatenate([none, np.full(n_rows, -np.inf)]),
-            tolerance=1e-8,
-        )
-        mu = none if solution.x is None else np.maximum(np.asarray(solution.x)[:n_contacts], 0.0)
-        imbalance = matrix @ mu + unit_load
-        residual = float(np.linalg.norm(imbalance))
-        if residual > EQUILIBRIUM_TOLERANCE:
-            direction = imbalance / residual
+    if size == 0.0:
+        none = np.zeros((contacts.n_contacts, 3))
+        return Equilibrium(holds=True, forces=none, residual=0.0, status=_NO_LOAD)
+    unit = load / size
+    for x, direction in _candidates(contacts, unit, weights):
+        forces = contacts.projected(x.reshape(-1, 3))
+        residual = float(np.linalg.norm(contacts.matrix @ forces.ravel() + unit))
+        holds = residual <= EQUILIBRIUM_TOLERANCE
+        proof = None if holds else certified(contacts, direction, unit)
+        mechanism, work, least = proof or (None, 0.0, 0.0)
+        if holds or work > EQUILIBRIUM_TOLERANCE:
+            break
     return Equilibrium(
-        holds=direction is None,
-        forces=size * column * mu,
+        holds=holds,
+        forces=size * forces,
         residual=residual,
-        mechanism=direction,
-        status=_balanced(residual) if direction is None else _infeasible_status(),
+        mechanism=mechanism,
+        work=work,
+        smallest_contact_work=least,
+        status=_status(residual, mechanism),
     )
 
 
@@ -397,8 +473,12 @@ def equilibrium(
     *,
     solver: Solver = Solver.NEWTON,
     weights: FloatArray | None = None,
+    start: FloatArray | None = None,
 ) -> Equilibrium:
-    """Contact forces of minimum norm, by the named solver; see the solvers for the arguments."""
-    if solver is Solver.CLARABEL:
-        return clarabel_equilibrium(jacobian, load, weights=weights)
-    return newton_equilibrium(jacobian, load, weights=weights)
+    """Contact forces of minimum norm without friction, by the named solver."""
+    if solver is Solver.NEWTON:
+        return newton_equilibrium(jacobian, load, weights=weights, start=start)
+    from mbd.contacts.friction import smooth_contacts
+
+    found = frictional_equilibrium(smooth_contacts(jacobian), load, weights=weights)
+    return replace(found, forces=found.forces[:, 0])

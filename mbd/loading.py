@@ -13,22 +13,32 @@ so that every increment has a solution, by Newton's method; c falls with each on
 to rest are in equilibrium by Coulomb's law, in a state that the load itself has brought about. Of
 blocks that keep moving nothing is proved: elastic joints are one assumption.
 
+Equilibrium with admissible forces exists for a block between two walls whenever they may press it
+as hard as they like. Nothing but a squeeze that was there before presses them. Blocks that do not
+come to rest may still be carried where joints are pressed beforehand: a hint, for other joints or
+another history may bring them to rest.
+
 References: Cundall, "A computer model for simulating progressive, large-scale movements in blocky
 rock systems", Proc. ISRM Symposium, Nancy (1971), for the joints; Simo and Hughes, Computational
-Inelasticity (1998), chapter 3, for cutting back.
+Inelasticity (1998), chapter 3, for cutting back; Kao, Iannuzzo, Thomaszewski, Coros, Van Mele,
+Block, "Coupled rigid-block analysis", Computer-Aided Design 146 (2022), for the question of a
+squeeze.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy.sparse as sp
 
-from geometry.mesh import FloatArray
-from mbd.friction.equilibrium import FrictionalContacts
-from mbd.frictionless.equilibrium import EQUILIBRIUM_TOLERANCE, Equilibrium
-from mbd.programs import Work
+from geometry.mesh import BoolArray, FloatArray
+from geometry.parts.measures import first_largest
+from mbd.contacts.friction import FrictionalContacts
+from mbd.contacts.jacobian import RigidContacts
+from mbd.equilibrium import EQUILIBRIUM_TOLERANCE, Equilibrium, least_forces
+from mbd.programs import DETERMINED, Work
 
 #: Operations that may be spent: seconds.
 MOST_SECONDS = 10.0
@@ -39,6 +49,8 @@ _TARGET, _MOST_ITERATIONS = 1e-9, 30
 #: Resistance falls by this after an increment of at most so many iterations, and grows after one
 #: that fails.
 _FALLS, _EASY, _GROWS = 0.25, 10, 4.0
+#: Joints that are asked for their least force, those first that miss most of it.
+_MOST_JOINTS = 6
 
 
 @dataclass(frozen=True)
@@ -80,7 +92,7 @@ def load_by_increments(
 ) -> Loaded:
     """Let a load (n_rows,) [N] grow on joints whose stiffnesses are the squares of weights.
 
-    Weights are those of `mbd.frictionless.equilibrium.column_weights`, (n_contacts,); None: ones.
+    Weights are those of `mbd.equilibrium.column_weights`, (n_contacts,); None: ones.
     """
     stiffness = np.ones(contacts.n_contacts) if weights is None else weights**2
     joints = _Joints(contacts, stiffness)
@@ -180,3 +192,111 @@ def settled(
         residual=residual,
         status=f"blocks come to rest under the growing load, relative residual {residual:.1e}",
     )
+
+
+@dataclass(frozen=True, kw_only=True)
+class Squeeze:
+    """Whether a load that friction can carry also presses the joints that carry it."""
+
+    needed: bool | None
+    """Whether joints seem to need a squeeze beforehand; None where the limit of work came first."""
+    blocks: tuple[int, int] | None = None
+    """Two blocks that need the largest force between them: of all joints, or of none by itself."""
+    least: float = 0.0
+    """Least normal force between them over all admissible states, which is proved [N]."""
+    motion: FloatArray | None = None
+    """How blocks move that are not pressed beforehand, ‖d‖ = 1, (n_rows,)."""
+    programs: int
+    """Linear problems and cone programs solved."""
+
+    def reason(self, named: Callable[[int], str] = str) -> str:
+        """Where a squeeze is needed, or why it is not decided; blocks by their names."""
+        if self.needed is None:
+            return f"limit of work or time after {self.programs} linear problems"
+        if not self.needed or self.blocks is None:
+            return ""
+        m, s = map(named, self.blocks)
+        if not self.least:
+            return f"the load presses too little between {m} and {s}"
+        return f"at least {self.least:.4g} N between {m} and {s}"
+
+
+def squeeze(
+    contacts: RigidContacts,
+    frictional: FrictionalContacts,
+    load: FloatArray,
+    forces: FloatArray,
+    *,
+    weights: FloatArray | None = None,
+    work: Work | None = None,
+) -> Squeeze:
+    """Look for forces that the load itself brings about.
+
+    Parameters
+    ----------
+    contacts, frictional
+        The same contacts without and with tangents.
+    load
+        f, (n_rows,) [N], which can be carried.
+    forces
+        Admissible forces that carry it, (n_contacts, 3) [N].
+    weights
+        Column scaling of `mbd.equilibrium.column_weights`, (n_contacts,): stiffnesses
+        are its square.
+    work
+        What may be spent, by default `MOST_SECONDS`; the least force of joints needs some more.
+    """
+    if not (load.any() and np.any(frictional.friction)):
+        return Squeeze(needed=False, programs=0)
+    work = work or Work(MOST_SECONDS)
+    loaded = load_by_increments(frictional, load, weights, work)
+    if loaded.rests is not False:
+        return Squeeze(needed=None if loaded.rests is None else False, programs=work.programs)
+    missing = forces[:, 0] - loaded.forces[:, 0]
+    blocks, least = _most_missing(contacts, frictional, load, missing, work)
+    return Squeeze(
+        needed=True,
+        blocks=blocks,
+        least=least,
+        motion=loaded.motion,
+        programs=work.programs,
+    )
+
+
+def _most_missing(
+    contacts: RigidContacts,
+    frictional: FrictionalContacts,
+    load: FloatArray,
+    missing: FloatArray,
+    work: Work,
+) -> tuple[tuple[int, int], float]:
+    """Joint with the largest least force [N] among those that miss most of ``missing`` (n,).
+
+    The one that misses most, and no force, where each may be open in one state or another.
+    """
+    joints, of = contacts.joints
+    short = np.bincount(of, weights=missing, minlength=len(joints))
+    asked = np.argsort(-short, kind="stable")[:_MOST_JOINTS]
+    size = float(np.linalg.norm(load))
+    least = np.array([_least_force(frictional, load / size, of == k, work) for k in asked])
+    least = np.where(np.isnan(least), 0.0, least)
+    order = np.argsort(asked)
+    k = order[first_largest(least[order])]
+    if least[k] <= DETERMINED:
+        k, least[k] = 0, 0.0
+    m, s = joints[asked[k]].tolist()
+    return (m, s), size * float(least[k])
+
+
+def _least_force(
+    frictional: FrictionalContacts, unit: FloatArray, joint: BoolArray, work: Work
+) -> float:
+    """Least sum of the normal forces of some contacts, (n,), over all admissible states.
+
+    Of a load of one; nan where the program finds none.
+    """
+    cost = np.zeros((frictional.n_contacts, 3))
+    cost[joint, 0] = 1.0
+    forces, _ = least_forces(frictional, unit, cost=cost.ravel(), work=work)
+    missed = np.linalg.norm(frictional.matrix @ forces + unit)
+    return float(cost.ravel() @ forces) if missed <= EQUILIBRIUM_TOLERANCE else np.nan

@@ -23,13 +23,14 @@ import scipy.linalg
 
 from geometry.mesh import FloatArray, ReadOnlyArrays
 from mbd.contacts.jacobian import ContactJacobian
-from mbd.frictionless.equilibrium import (
+from mbd.equilibrium import (
     EQUILIBRIUM_TOLERANCE,
     Equilibrium,
-    clarabel_equilibrium,
+    equilibrium,
     load_size,
     newton_equilibrium,
 )
+from mbd.options import Solver
 
 #: Singular values of G below this fraction of the largest count as zero.
 RANK_TOLERANCE = 1e-10
@@ -289,10 +290,8 @@ def decided_equilibrium(
     On degenerate contacts it may end without either; the interior point method is slower and
     seldom does.
     """
-    equilibrium = newton_equilibrium(jacobian, load, weights=weights, start=start)
-    if equilibrium.decided:
-        return equilibrium
-    return clarabel_equilibrium(jacobian, load)
+    found = newton_equilibrium(jacobian, load, weights=weights, start=start)
+    return found if found.decided else equilibrium(jacobian, load, solver=Solver.CLARABEL)
 
 
 def _classify_unlocked(

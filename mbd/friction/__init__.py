@@ -1,1 +1,0 @@
-"""Equilibrium with Coulomb friction, and whether the load itself brings it about."""

@@ -1,1 +1,0 @@
-"""Equilibrium of rigid blocks without friction, and the class of their mechanism."""
