@@ -214,7 +214,7 @@ def _refuse_memory(stated: TimedSystem) -> None:
     """Reject a run that needs more memory than it may have, before it is tried."""
     need = sum(body.n_nodes * (_CONSTANT + _STATE * body.n_copies) for body in stated.bodies)
     require_memory(
-        f"{stated.system.n_nodes} nodes of {stated.system.assembly.n_blocks} blocks",
+        f"{stated.system.n_nodes} nodes of {stated.system.whole.assembly.n_blocks} blocks",
         need,
         "fewer elements or fewer blocks",
     )

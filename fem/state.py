@@ -18,7 +18,7 @@ from fem.contact.surfaces import ContactPoints
 from fem.system.contact_state import ContactState, contact_state
 from fem.system.reactions import PushCurve
 from fem.system.sector import searched_in_all_sectors, vectors_in_all_sectors
-from fem.system.system import System
+from fem.system.system import Sector, System
 from geometry.mesh import FloatArray, IntArray, ReadOnlyArrays, read_only
 
 if TYPE_CHECKING:
@@ -67,7 +67,7 @@ class State(ReadOnlyArrays):
     of a sector included, are in world axes. Blocks share no nodes.
     """
 
-    system: System
+    system: Sector
     """What was solved, on the points of contact of this state."""
     displacement: FloatArray
     """(n_nodes, 3) [mm]"""
@@ -99,7 +99,7 @@ class State(ReadOnlyArrays):
     known: dict[str, Any] = field(default_factory=dict, init=False, repr=False, compare=False)
     """What `once` has computed of this state, by the name of the function."""
 
-    @cached_property
+    @property
     def deformable(self) -> System:
         """Blocks, loads, supports and contact of the whole."""
         return self.system.whole

@@ -72,8 +72,8 @@ def imbalance_of(state: State) -> Imbalance:
     Internal forces of small rotations balance about the undeformed places: their moment about
     the deformed ones, of second order, is one of the terms.
     """
-    whole = state.deformable
-    others, loads = np.zeros((whole.assembly.n_blocks, 6)), whole.expand(whole.loads[-1])
+    whole, loads = state.deformable, state.system.expand(state.system.loads[-1])
+    others = np.zeros((whole.assembly.n_blocks, 6))
     acting, needed = np.zeros(whole.assembly.n_blocks), _contact_forces(state, loads)
     centres = whole.assembly.centroids + whole.offsets
     for number, (group, u) in enumerate(zip(whole.bodies, state.displacements, strict=True)):

@@ -226,7 +226,7 @@ def make_body(stated: TimedSystem, number: int, touched_nodes: IntArray | None) 
     group, effects = stated.bodies[number], stated.effects
     lanes = padded_lanes(group.n_copies)
     rows = block_rows(group.stiffness, lanes=lanes)
-    rows_of = [(load, *load.on(stated.starts(number))) for load in stated.system.forces]
+    rows_of = [(load, *load.on(stated.starts(number))) for load in stated.system.whole.forces]
     loads = [of for of in rows_of if len(of[1])]
     more = np.empty(0, np.int64) if touched_nodes is None else touched_nodes
     touched = np.unique(np.concatenate([more, *(row % group.n_nodes for _, row, _ in loads)]))
@@ -295,7 +295,7 @@ def _lane_gravity(group: Body, gravity: FloatArray | None, lanes: int) -> LaneAr
 
 def _held_lanes(stated: TimedSystem, number: int, rows: BlockRows, lanes: int) -> HeldLanes | None:
     """Supports of one body; None: none."""
-    group, held = stated.bodies[number], stated.system.supports.on(stated.starts(number))
+    group, held = stated.bodies[number], stated.system.whole.supports.on(stated.starts(number))
     node, axis = np.nonzero(held.held)
     if not len(node):
         return None

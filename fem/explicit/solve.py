@@ -300,7 +300,7 @@ class _Course:
         moved = stated.expand(displacements_of(loop))
         # The end comes after all that were due before, where it lies between two of them.
         number = self.frame_number(loop.step - 1) + 1 if ended else self.frame_number(loop.step)
-        groups, again = stated.system.bodies, self.restarts
+        groups, again = stated.system.whole.bodies, self.restarts
         self.output.on_frame(Frame(number, loop.time, groups, moved, last=ended, restart=again))
 
     def checkpoint(self, *, force: bool) -> None:
@@ -364,7 +364,7 @@ def _state_at_end(loop: Loop, run: Run) -> State:
         supports.append(world_vectors(body, held))
         contact.append(world_vectors(body, inner - load_forces(body, time) - held))
     searched, friction = loop.interactions[0].contact(moved) if loop.interactions else (None, None)
-    held_nodes = len(system.supports.block) > 0
+    held_nodes = len(system.whole.supports.block) > 0
     return State(
         system=system if searched is None else system.on(searched),
         displacement=stated.of_system(displacements),

@@ -44,7 +44,7 @@ def prepare(stated: TimedSystem, *, time_step: float, threads: int = 1) -> Loop:
     if threads > 1:
         numba.set_num_threads(min(threads, numba.config.NUMBA_NUM_THREADS))
     n, effects, system = len(stated.bodies), stated.effects, stated.system
-    cell = system.meets and system.assembly.image_of is not None
+    cell = system.whole.meets and system.whole.assembly.image_of is not None
     held = cell_motions(stated) if cell else None
     touched = [np.flatnonzero(areas) for areas in stated.contact_areas]
     if held is not None:
@@ -55,8 +55,8 @@ def prepare(stated: TimedSystem, *, time_step: float, threads: int = 1) -> Loop:
     bodies = tuple(
         make_body(stated, k, touched_nodes=touched[k] if touched else None) for k in range(n)
     )
-    contact = SlidingContact if system.contact.finite_sliding else FaceContact
-    interactions: list[Interaction] = [contact(stated, bodies)] if system.meets else []
+    contact = SlidingContact if system.whole.contact.finite_sliding else FaceContact
+    interactions: list[Interaction] = [contact(stated, bodies)] if system.whole.meets else []
     if held is not None:
         interactions.append(CellHold(*held, bodies))
     loop = Loop(

@@ -16,7 +16,7 @@ from fem.system.contact_state import block_surfaces
 from fem.system.effects import Effects
 from fem.system.loose import unresisted_motions
 from fem.system.reactions import MovingSupport, moving_supports
-from fem.system.system import System
+from fem.system.system import Sector
 from fem.system.time_step import CriticalTimeStep, critical_time_step
 from geometry.mesh import FloatArray, IntArray
 
@@ -59,7 +59,7 @@ class TimedSystem:
         Forces that turn with their blocks, or springs, beside effects that exclude them.
     """
 
-    system: System
+    system: Sector
     """The blocks that are computed; loads and supports have their amplitudes."""
     blocks: tuple[IntArray, ...]
     """Representative blocks of each body in the order in which the loop has their copies."""
@@ -96,12 +96,12 @@ class TimedSystem:
     @cached_property
     def moving(self) -> tuple[MovingSupport, ...]:
         """Supports that move."""
-        return moving_supports(self.system)
+        return moving_supports(self.system.whole)
 
     @property
     def counted_stiffness(self) -> float:
         """Stiffness of the contact law that the critical time step counts in [MPa/mm]."""
-        return counted_stiffness(self.system.contact.law, self.counted_pressure)
+        return counted_stiffness(self.system.whole.contact.law, self.counted_pressure)
 
     @cached_property
     def contact_areas(self) -> tuple[FloatArray, ...]:
@@ -111,16 +111,16 @@ class TimedSystem:
         w k between points of two blocks have K_ab = w k c_a c_b n nᵀ with |c_a| = N_a and Σ N = 1
         on each side: row sums bound them by the diagonal w k N_a times that number.
         """
-        if not self.system.meets:
+        if not self.system.whole.meets:
             return ()
-        if self.system.contact.finite_sliding:
+        if self.system.whole.contact.finite_sliding:
             return _areas_of_surfaces(self.system)
         return _areas_of_facets(self.system)
 
     @property
     def copy_of(self) -> IntArray:
         """Copy in the loop that moves as each block does; -1 of rigid ones, (n_blocks,)."""
-        copy = np.full(self.system.assembly.n_blocks, -1)
+        copy = np.full(self.system.whole.assembly.n_blocks, -1)
         for mine in self.blocks:
             copy[mine] = np.arange(len(mine))
         return copy[self.system.orbits.representative]
@@ -130,17 +130,17 @@ class TimedSystem:
         """With the copies that are computed."""
         return tuple(
             body.with_same_stiffness(rotations=body.rotations[k], translations=body.translations[k])
-            for body, k in zip(self.system.bodies, self._copies, strict=True)
+            for body, k in zip(self.system.whole.bodies, self._copies, strict=True)
         )
 
     @property
     def _copies(self) -> list[IntArray]:
         """Copies of each body that are computed, in the order in which the loop has them."""
-        return [self.system.copy_of[blocks] for blocks in self.blocks]
+        return [self.system.whole.copy_of[blocks] for blocks in self.blocks]
 
     def starts(self, number: int) -> IntArray:
         """First node of a body's copies in the loop, -1 of all other blocks, (n_blocks,)."""
-        starts, blocks = np.full(self.system.assembly.n_blocks, -1), self.blocks[number]
+        starts, blocks = np.full(self.system.whole.assembly.n_blocks, -1), self.blocks[number]
         starts[blocks] = self.bodies[number].n_nodes * np.arange(len(blocks))
         return starts
 
@@ -173,7 +173,7 @@ class TimedSystem:
     def in_system(self, vectors: tuple[FloatArray, ...]) -> FloatArray:
         """Vectors of the nodes of the system, its motion as a whole included, (n_nodes, 3)."""
         result = np.empty((self.system.n_nodes, 3))
-        turns = self.system.assembly.rotations
+        turns = self.system.whole.assembly.rotations
         for blocks, moved in zip(self.blocks, vectors, strict=True):
             for block, world in zip(blocks.tolist(), moved, strict=True):
                 slot = int(self.system.slot_of[block])
@@ -181,25 +181,25 @@ class TimedSystem:
         return result
 
 
-def _areas_of_facets(system: System) -> tuple[FloatArray, ...]:
+def _areas_of_facets(system: Sector) -> tuple[FloatArray, ...]:
     """`TimedSystem.contact_areas` of matched facets."""
     points = system.points
     sides = np.stack([points.block_m, points.block_s])
     moving = (system.slot_of[sides] >= 0).sum(axis=0)
     each = np.einsum("f,fp,fpa->fa", moving, points.weights, np.abs(points.functions))
     total: FloatArray = np.bincount(points.rows.ravel(), each.ravel(), system.n_nodes + 1)
-    areas = tuple(np.zeros(group.n_nodes) for group in system.bodies)
-    for block in system.deformable_blocks.tolist():
-        largest = areas[system.group_of[block]]
+    areas = tuple(np.zeros(group.n_nodes) for group in system.whole.bodies)
+    for block in system.whole.deformable_blocks.tolist():
+        largest = areas[system.whole.group_of[block]]
         np.maximum(largest, total[system.rows[block, : len(largest)]], out=largest)
     return areas
 
 
-def _areas_of_surfaces(system: System) -> tuple[FloatArray, ...]:
+def _areas_of_surfaces(system: Sector) -> tuple[FloatArray, ...]:
     """The same of surfaces that a search goes through."""
     surfaces = block_surfaces(system)
     moving = min(2, sum(s.group >= 0 for s in surfaces))
-    largest = tuple(np.zeros(body.n_nodes) for body in system.bodies)
+    largest = tuple(np.zeros(body.n_nodes) for body in system.whole.bodies)
     for surface in surfaces:
         if surface.group >= 0:
             area = np.linalg.norm(corner_area_vectors(surface.reference[surface.quads]), axis=1)

@@ -36,7 +36,7 @@ from fem.static.linear_step.linearisation import (
     coarsened,
 )
 from fem.static.problem import StaticProblem
-from fem.system.system import System
+from fem.system.system import Sector
 from geometry.machine.work import Operation, count
 from geometry.mesh import FloatArray
 
@@ -145,7 +145,7 @@ class Iterate:
     converged: bool = False
 
 
-def start_iterate(system: System, start: FloatArray | None = None) -> Iterate:
+def start_iterate(system: Sector, start: FloatArray | None = None) -> Iterate:
     """Every point linearised at the mean pressure that the loads suggest, or where a state has it.
 
     ``start`` are its displacements, (n_nodes, 3) [mm].
@@ -170,7 +170,7 @@ def start_iterate(system: System, start: FloatArray | None = None) -> Iterate:
     return Iterate(displacement, force, gaps, at, slid, holding, Point())
 
 
-def first_holding(system: System, overclosure: FloatArray) -> float:
+def first_holding(system: Sector, overclosure: FloatArray) -> float:
     """First holding springs of a block where contact is as stiff as at an overclosure [N/mm]."""
     stiffness = float(system.law.normal.stiffness(overclosure).max())
     return _FIRST_HOLDING * stiffness * float(system.points.areas.sum()) / system.n_slots
@@ -265,7 +265,7 @@ def _runs_away(problem: StaticProblem, state: Iterate, moved: Iterate) -> bool:
 
     Blocks that have moved by their length are a mechanism, and no springs help.
     """
-    far = np.abs(moved.displacement).max() > problem.system.assembly.characteristic_length
+    far = np.abs(moved.displacement).max() > problem.system.whole.assembly.characteristic_length
     if far or not problem.system.held.met(state.displacement, state.point.time):
         return False
     return bool((problem.farthest_overclosure < moved.gaps.x[..., 0].T).any())
@@ -381,9 +381,9 @@ def _solve(
             state = replace(state, holding=state.holding.stiffer())
 
 
-def _check_near(system: System, displacement: FloatArray) -> None:
+def _check_near(system: Sector, displacement: FloatArray) -> None:
     """Raise `UnheldBlocksError` where a displacement is no small motion."""
-    farthest = _FARTHEST * system.assembly.characteristic_length
+    farthest = _FARTHEST * system.whole.assembly.characteristic_length
     if np.abs(displacement).max() > farthest:
         raise UnheldBlocksError(
             f"a block would move by {np.abs(displacement).max():.3g} mm, more than "
@@ -392,7 +392,7 @@ def _check_near(system: System, displacement: FloatArray) -> None:
         )
 
 
-def require_near(system: System, displacement: FloatArray) -> None:
+def require_near(system: Sector, displacement: FloatArray) -> None:
     """Reject displacements of all nodes, (n_nodes, 3) [mm], that are no small motions.
 
     Newton's iterations see the nodes of contact alone: others may move farther.
@@ -485,7 +485,7 @@ def _least_force(problem: StaticProblem, farthest: float) -> float:
     The stiffness times displacements of up to ``farthest`` [mm], even of rigid blocks, rounds off.
     """
     system = problem.system
-    length = system.assembly.characteristic_length
+    length = system.whole.assembly.characteristic_length
     touch = float(system.law.touching_pressure.max(initial=0.0)) * length**2
     rounding = _EPSILON * problem.stiffest * length * farthest * math.sqrt(system.n_nodes)
     return max(touch, rounding / problem.options.tolerance)

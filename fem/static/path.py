@@ -30,7 +30,7 @@ from fem.static.newton import (
 from fem.static.problem import StaticOptions, StaticProblem
 from fem.system.forces import TabularAmplitude
 from fem.system.loose import unresisted_motions
-from fem.system.system import System
+from fem.system.system import Sector
 from geometry.mesh import FloatArray, IntArray
 
 #: Change of the measures by twice as many load steps below which they are enough [-].
@@ -99,7 +99,7 @@ def follow(
     state: Iterate,
     path: Sequence[Point],
     *,
-    stages: Sequence[System] = (),
+    stages: Sequence[Sector] = (),
     known: Known = (),
     search: PointSearch | None = None,
 ) -> list[State]:
@@ -162,7 +162,7 @@ def follow(
     return found
 
 
-def _entered(place: _Place, last: State, stage: System, number: int) -> _Place:
+def _entered(place: _Place, last: State, stage: Sector, number: int) -> _Place:
     """Where a stage begins: slips of friction stay, and supports that ended release."""
     before, system = place.iterate, place.problem.system
     changed = replace(stage, begin=(last.displacement, system.loads[-1]))
@@ -277,7 +277,7 @@ def load_factors(parts: int, *, friction: bool) -> tuple[float, ...]:
     return tuple((k / parts) ** power for k in range(1, parts + 1))
 
 
-def points_of(stages: Sequence[System], options: StaticOptions) -> list[Point]:
+def points_of(stages: Sequence[Sector], options: StaticOptions) -> list[Point]:
     """Points of a path: the load first, then motions of supports; of several stages both at once.
 
     Without supports that move a single stage has no time. In a stage forces and prescribed
@@ -291,7 +291,9 @@ def points_of(stages: Sequence[System], options: StaticOptions) -> list[Point]:
             Point(share, share, number)
             for number, stage in enumerate(stages)
             for share in load_factors(
-                parts if stage.supports.tables or any(act[max(number - 1, 0) : number + 1]) else 1,
+                parts
+                if stage.whole.supports.tables or any(act[max(number - 1, 0) : number + 1])
+                else 1,
                 friction=number == 0,
             )
         ]
@@ -317,9 +319,9 @@ class PointSearch:
     """Displacements from which slips of the first step count, on points that are searched there,
     (n_nodes, 3) [mm]; None: a step came before."""
 
-    def system(self, system: System) -> System:
+    def system(self, system: Sector) -> Sector:
         """A system on the present points."""
-        clearance, normals = system.surfaces.clearance, system.contact.normals
+        clearance, normals = system.whole.surfaces.clearance, system.whole.contact.normals
         return system.on(points_of_search(self.points, clearance, normals))
 
     def anew(self, problem: StaticProblem, state: Iterate) -> tuple[StaticProblem, Iterate]:

@@ -22,7 +22,7 @@ from fem.static.linear_step.linearisation import (
 )
 from fem.static.linear_step.reduced import ReducedStep, is_smaller
 from fem.system.loose import FreeMotions, unresisted_motions
-from fem.system.system import System
+from fem.system.system import Sector, System
 from geometry.errors import is_number
 from geometry.mesh import FloatArray
 
@@ -81,7 +81,7 @@ class StaticOptions:
 class StaticProblem:
     """What stays the same in all iterations."""
 
-    system: System
+    system: Sector
     options: StaticOptions
     store: FlexibilityStore
     """Of condensed blocks."""
@@ -89,7 +89,7 @@ class StaticProblem:
     law: Coulomb
     """Pressure and friction of its points."""
 
-    def on(self, system: System) -> StaticProblem:
+    def on(self, system: Sector) -> StaticProblem:
         """The problem of the same blocks on other points of contact, or in another stage."""
         return problem_of(system, self.options, self.store)
 
@@ -120,7 +120,7 @@ class StaticProblem:
 
 
 def problem_of(
-    system: System,
+    system: Sector,
     options: StaticOptions,
     store: FlexibilityStore,
     near: FloatArray | None = None,
@@ -130,9 +130,9 @@ def problem_of(
     step: LinearStep
     # On searched points limits of friction follow the pressures, in displacements alone.
     in_displacements = isinstance(system.points, SearchedPoints) and friction
-    whole = options.method is StaticMethod.SPARSE or not system.meets
+    whole = options.method is StaticMethod.SPARSE or not system.whole.meets
     whole |= _most_held(system) > _MOST_HELD
-    grids = structured_blocks(system, options)
+    grids = structured_blocks(system.whole, options)
     if grids is not None:
         from fem.static.linear_step.grid import GridStep
 
@@ -156,7 +156,7 @@ def structured_blocks(deformable: System, options: StaticOptions) -> tuple[GridB
     return grid_blocks(deformable)
 
 
-def _most_held(system: System) -> int:
+def _most_held(system: Sector) -> int:
     """Supported nodes of the block that has most of them."""
     slots = np.searchsorted(system.node_start, system.held.nodes, side="right")
     return int(np.bincount(slots).max(initial=0))

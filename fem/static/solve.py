@@ -32,12 +32,8 @@ from fem.static.problem import (
 from fem.system.contact_state import facing_points
 from fem.system.loose import loose_blocks, require_supported
 from fem.system.reactions import Forces, MovingSupport, PushCurve, moving_supports
-from fem.system.sector import (
-    cyclic_orbits,
-    largest_cyclic_orbits,
-    with_half_turn,
-)
-from fem.system.system import Orbits, System
+from fem.system.sector import cyclic_sector, largest_sector
+from fem.system.system import Sector, System
 from geometry.machine.system import one_thread_of_blas
 from geometry.machine.work import LimitError
 from geometry.mesh import FloatArray, read_only
@@ -191,27 +187,24 @@ def _followed(
     States under some loads may be ``known`` nearly.
     """
     clock = time.process_time()
-    first, several = stages[0], stages if len(stages) > 1 else ()
+    several = [stage.computed for stage in stages] if len(stages) > 1 else []
     if several:
-        rest = np.zeros((first.n_nodes, 3))
-        first = replace(first, begin=(rest, rest))
+        rest = np.zeros((several[0].n_nodes, 3))
+        first = several[0] = replace(several[0], begin=(rest, rest))
     else:
-        # Points of a search are those of a sector; states of least energy may be less symmetric.
-        rough = first.contact.friction is not None and not first.contact.finite_sliding
-        half_turn = rough or structured_blocks(first, options) is not None
-        first = first.in_sector(_orbits(first, options.symmetry, half_turn=half_turn))
+        first = _sector(stages[0], options)
     problem, begin, search = _beginning(first, options, store, start)
     if several:
         begin = replace(begin, point=Point(0.0, 0.0))
     ready = time.process_time()
-    path = points_of([first, *stages[1:]], options)
+    path = points_of(several or [first], options)
     found = follow(problem, begin, path, stages=several, known=known, search=search)
     more = options.load_steps < _FALLBACK_LOAD_STEPS
     if more and not options.once and not found[-1].converged:
         options = replace(options, load_steps=_FALLBACK_LOAD_STEPS)
         problem, begin, search = _beginning(first, options, store, start)
         begin = replace(begin, residuals=found[-1].evidence.residuals)
-        path = points_of([first, *stages[1:]], options)
+        path = points_of(several or [first], options)
         found = _closer(found, follow(problem, begin, path, known=known, search=search))
     state = _with_evidence(found, options, (clock, ready))
     if several:
@@ -272,16 +265,16 @@ def _with_evidence(
 
 
 def _beginning(
-    system: System,
+    system: Sector,
     options: StaticOptions,
     store: FlexibilityStore,
     start: tuple[FloatArray, ...] | None,
 ) -> tuple[StaticProblem, Iterate, PointSearch | None]:
     """The problem of a system, where it begins, and what follows the motion if it is searched."""
-    if not system.meets:
+    if not system.whole.meets:
         require_supported(system)
     near = None if start is None else _localised(system, start)
-    if not system.contact.finite_sliding:
+    if not system.whole.contact.finite_sliding:
         problem = problem_of(system, options, store, near)
         return problem, start_iterate(problem.system, near), None
     points = facing_points(system, start)
@@ -291,9 +284,9 @@ def _beginning(
     return problem, start_iterate(problem.system, near), search
 
 
-def _localised(system: System, start: tuple[FloatArray, ...]) -> FloatArray:
+def _localised(system: Sector, start: tuple[FloatArray, ...]) -> FloatArray:
     """Displacements of each group on the representatives, in block frames; (n_nodes, 3) [mm]."""
-    expected = [(g.n_copies, g.n_nodes, 3) for g in system.bodies]
+    expected = [(g.n_copies, g.n_nodes, 3) for g in system.whole.bodies]
     if [u.shape for u in start] != expected:
         raise StaticError(
             f"start: got displacements of shapes {[u.shape for u in start]}; "
@@ -313,11 +306,14 @@ def _closer(once: list[State], in_parts: list[State]) -> list[State]:
     return [*once[:-1], replace(first, evidence=tried)]
 
 
-def _orbits(deformable: System, symmetry: int | None, *, half_turn: bool) -> Orbits:
-    if symmetry is None:
-        largest = largest_cyclic_orbits(deformable)
-        return with_half_turn(deformable, largest) if half_turn else largest
-    return deformable.orbits if symmetry == 1 else cyclic_orbits(deformable, symmetry)
+def _sector(system: System, options: StaticOptions) -> Sector:
+    """What is computed of a system."""
+    if options.symmetry is not None:
+        return cyclic_sector(system, options.symmetry)
+    # Points of a search are those of a sector; states of least energy may be less symmetric.
+    rough = system.contact.friction is not None and not system.contact.finite_sliding
+    half_turn = rough or structured_blocks(system, options) is not None
+    return largest_sector(system, half_turn=half_turn)
 
 
 # ---------------------------------------------------------------------------------------------
@@ -327,7 +323,7 @@ def _orbits(deformable: System, symmetry: int | None, *, half_turn: bool) -> Orb
 def _ways(state: State) -> str:
     """How far supports have moved."""
     at = {state.time or 0.0: 0.0}
-    curves = [moving.curve(at) for moving in moving_supports(state.system)]
+    curves = [moving.curve(at) for moving in moving_supports(state.deformable)]
     return ", ".join(f"{curve.name} by {curve.displacements[-1]:.4g} mm" for curve in curves)
 
 

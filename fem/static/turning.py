@@ -16,7 +16,7 @@ from functools import cached_property
 import numpy as np
 
 from fem.contact.surfaces import motion_derivatives
-from fem.system.system import System
+from fem.system.system import Sector
 from geometry.mesh import FloatArray
 
 
@@ -38,7 +38,7 @@ class Turned:
 class TurningNormals:
     """Normals between blocks of a system whose motions are combinations of six."""
 
-    def __init__(self, system: System, motions: FloatArray) -> None:
+    def __init__(self, system: Sector, motions: FloatArray) -> None:
         """Take displacements of all nodes by unit motions of their blocks, (6, n_nodes, 3)."""
         self._surfaces = system.points
         each = np.stack([self._surfaces.moved(moved) for moved in motions], axis=3)

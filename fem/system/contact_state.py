@@ -18,12 +18,12 @@ from fem.contact.surfaces import (
     placed_corners,
 )
 from fem.element.facet import facet_areas, facet_functions
-from fem.system.system import System
+from fem.system.system import Sector, System
 from geometry.assembly import Assembly
 from geometry.mesh import BoolArray, FloatArray, IntArray, ReadOnlyArrays, structured_quads
 
 
-def block_surfaces(system: System, copy_of: IntArray | None = None) -> tuple[BlockSurface, ...]:
+def block_surfaces(system: Sector, copy_of: IntArray | None = None) -> tuple[BlockSurface, ...]:
     """Collect the facets of all blocks that can touch others, in the order of their groups.
 
     Parameters
@@ -33,17 +33,17 @@ def block_surfaces(system: System, copy_of: IntArray | None = None) -> tuple[Blo
     copy_of
         Copy of its body that moves as each block does, (n_blocks,); None: those of ``system``.
     """
-    assembly = system.assembly
-    copies = system.copy_of if copy_of is None else copy_of
+    whole, assembly = system.whole, system.whole.assembly
+    copies = whole.copy_of if copy_of is None else copy_of
     computed = system.orbits.representative == assembly.originals
     result = []
     for block in range(assembly.n_blocks):
         if len(assembly.shape(block).contact_quads):
-            surface = block_surface(assembly, block, system.offsets[block])
+            surface = block_surface(assembly, block, whole.offsets[block])
             result.append(
                 replace(
                     surface,
-                    group=int(system.group_of[block]),
+                    group=int(whole.group_of[block]),
                     copy=int(max(copies[block], 0)),
                     computed=bool(computed[block]),
                 )
@@ -74,7 +74,7 @@ def block_surface(assembly: Assembly, block: int, offset: FloatArray) -> BlockSu
 
 
 def facing_points(
-    system: System,
+    system: Sector,
     displacements: tuple[FloatArray, ...] | None = None,
     *,
     copy_of: IntArray | None = None,
@@ -93,7 +93,7 @@ def facing_points(
     slight
         As `FacingPoints`.
     """
-    reach = -system.contact.law.start - system.surfaces.clearance
+    reach = -system.whole.contact.law.start - system.whole.surfaces.clearance
     surfaces = block_surfaces(system, copy_of)
     points = FacingPoints(surfaces, reach=reach, slight=slight)
     if displacements is not None:

@@ -10,7 +10,7 @@ import numpy as np
 from fem.contact.surfaces import ContactPoints
 from fem.system.body import ModelError, rigid_motions
 from fem.system.contact_state import corner_displacements
-from fem.system.system import NodalInverse, System
+from fem.system.system import NodalInverse, Sector, System
 from geometry.mesh import FloatArray, IntArray
 
 #: Least stiffness of a block's contacts against a motion, relative to the greatest, that counts
@@ -71,7 +71,7 @@ def loose_blocks(
     return moving[np.isin(representative[moving], loose)]
 
 
-def require_supported(system: System) -> None:
+def require_supported(system: Sector) -> None:
     """Reject supports and springs that leave a rigid motion of a block that meets no other.
 
     Raises
@@ -83,8 +83,8 @@ def require_supported(system: System) -> None:
         _require_held(system, slot)
 
 
-def _require_held(system: System, slot: int) -> None:
-    group, copy = system.body(slot), int(system.copy_of[system.blocks[slot]])
+def _require_held(system: Sector, slot: int) -> None:
+    group, copy = system.body(slot), int(system.whole.copy_of[system.blocks[slot]])
     positions = group.reference_positions()[copy]
     arm = positions - positions.mean(axis=0)
     # Motions about world axes, in those of the block.
@@ -138,7 +138,7 @@ class FreeMotions:
 
 
 def unresisted_motions(
-    system: System, kept: Callable[[FloatArray], FloatArray] = lambda moved: moved
+    system: Sector, kept: Callable[[FloatArray], FloatArray] = lambda moved: moved
 ) -> FreeMotions | None:
     """Motions of a periodic cell as a whole that no support or spring resists; None: none.
 
@@ -154,7 +154,7 @@ def unresisted_motions(
     ModelError
         Loads along such a motion, which nothing carries.
     """
-    assembly = system.assembly
+    assembly = system.whole.assembly
     if assembly.image_of is None:
         return None
     shifts = assembly.axis[None, :] if system.orbits.order > 1 else np.eye(3)
@@ -172,7 +172,7 @@ def unresisted_motions(
     return FreeMotions(np.ascontiguousarray(basis.T).reshape(columns.shape))
 
 
-def _unresisted(system: System, motions: FloatArray) -> FloatArray:
+def _unresisted(system: Sector, motions: FloatArray) -> FloatArray:
     """Combinations of motions (n, n_nodes, 3) that supports and springs leave, (m, n)."""
     size = np.abs(motions).max(axis=(1, 2))
     slots = range(system.n_slots)
@@ -180,7 +180,7 @@ def _unresisted(system: System, motions: FloatArray) -> FloatArray:
     return left_by(np.concatenate(felt) / size) / size
 
 
-def resisted(system: System, slot: int, motions: FloatArray) -> FloatArray:
+def resisted(system: Sector, slot: int, motions: FloatArray) -> FloatArray:
     """What supports and springs of a slot feel of motions of it, (n, n_nodes, 3); (m, n)."""
     held, nodes, springs = system.held, system.nodes_of(slot), system.body(slot).springs
     mine = (held.nodes >= nodes.start) & (held.nodes < nodes.stop)
@@ -200,14 +200,14 @@ def left_by(felt: FloatArray) -> FloatArray:
     return right[values <= _RESISTED * max(values.max(), 1.0)]
 
 
-def _require_balance(system: System, motions: FloatArray) -> None:
+def _require_balance(system: Sector, motions: FloatArray) -> None:
     """Reject loads that move a periodic cell as a whole, along motions (n, n_nodes, 3)."""
     forces = system.loads[-1]
     work = np.abs(np.einsum("kni,ni->k", motions, forces)) / np.abs(motions).max(axis=(1, 2))
     least = _RESISTED * float(np.linalg.norm(forces, axis=1).sum())
     if (work > least).any():
         raise ModelError(
-            f"{system.assembly.name}: got loads or a weight that move the periodic cell as a "
+            f"{system.whole.assembly.name}: got loads or a weight that move the periodic cell as a "
             f"whole, by {float(work.max()):.3g} N, and nothing holds it; expected loads that "
             "balance, or supports"
         )

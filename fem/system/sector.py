@@ -11,6 +11,7 @@ layers (`with_half_turn`): it turns blocks over, each onto itself but for its pl
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
@@ -19,10 +20,10 @@ from scipy.spatial import cKDTree
 from fem.contact.pair_laws import PairLaws
 from fem.contact.search import SearchedPoints
 from fem.system.loose import unresisted_motions
-from fem.system.system import Orbits, System, TurnedOver
+from fem.system.system import Orbits, Sector, System, TurnedOver
 from geometry.block import Block
 from geometry.errors import RefusedError
-from geometry.mesh import FloatArray, IntArray, cross_matrix
+from geometry.mesh import BoolArray, FloatArray, IntArray, cross_matrix
 
 #: Relative deviation of placements (in block sizes), rotations and loads that still counts as
 #: symmetric: far above rounding, far below any clearance.
@@ -33,22 +34,29 @@ class SymmetryError(RefusedError):
     """A symmetry that the model does not have: what breaks it."""
 
 
-def cyclic_orbits(system: System, order: int) -> Orbits:
-    """Orbits under rotation by 2π / order about the tube axis."""
+def cyclic_sector(system: System, order: int) -> Sector:
+    """Sector of a rotation by 2π / order about the tube axis."""
     if order < 1:
         raise SymmetryError(f"symmetry: got order {order}, expected at least 1")
+    every = system.computed
     if order == 1:
-        return system.orbits
+        return every
     image = _images(system, order)
-    _check_loads(system, image, order)
+    for what, values in (("loads", every.loads[-1]), ("supports", _held_components(every))):
+        block = _unlike(every, values, image)
+        if block is not None:
+            raise SymmetryError(
+                f"symmetry: the {what} of blocks {block} and {image[block]} differ in their own "
+                f"frames, so a turn by 1/{order} is no symmetry; expected {what} that repeat, or "
+                "symmetry off"
+            )
     if not _same_joints(system, image):
         raise SymmetryError(
             f"symmetry: a turn by 1/{order} does not map pairs of blocks onto others of the same "
             "friction; expected friction that repeats, or symmetry off"
         )
     none = np.empty(0, dtype=np.int64)
-    orbits = Orbits(order, _smallest(system, image, order), none, none)
-    return _with_facets(system, orbits)
+    return _with_facets(system, Orbits(order, _smallest(system, image, order), none, none))
 
 
 def representatives(system: System, order: int) -> IntArray:
@@ -73,17 +81,16 @@ def _smallest(system: System, image: IntArray, order: int) -> IntArray:
     return representative[system.assembly.originals]
 
 
-def largest_cyclic_orbits(system: System) -> Orbits:
-    """Orbits of the largest cyclic symmetry the model has; order 1 when it has none."""
+def largest_sector(system: System, *, half_turn: bool = False) -> Sector:
+    """Sector of the largest cyclic symmetry, and of a half turn as well; all blocks without one."""
     counts = np.bincount(system.assembly.layer)
-    common = int(np.gcd.reduce(counts[counts > 0]))
+    common, sector = int(np.gcd.reduce(counts[counts > 0])), system.computed
     for order in range(common, 1, -1):
         if common % order == 0:
-            try:
-                return cyclic_orbits(system, order)
-            except SymmetryError:
-                continue
-    return system.orbits
+            with suppress(SymmetryError):
+                sector = cyclic_sector(system, order)
+                break
+    return _with_half_turn(sector) if half_turn else sector
 
 
 def check_system(system: System, symmetry: str) -> None:
@@ -96,7 +103,7 @@ def check_system(system: System, symmetry: str) -> None:
     """
     if symmetry == "sector":
         require_sector(system)
-    unresisted_motions(system)
+    unresisted_motions(system.computed)
 
 
 def require_sector(system: System) -> None:
@@ -107,27 +114,27 @@ def require_sector(system: System) -> None:
     SymmetryError
         Saying so.
     """
-    if system.meets and largest_cyclic_orbits(system).order == 1:
+    if system.meets and largest_sector(system).orbits.order == 1:
         raise SymmetryError(
             'fem.symmetry: got "sector", but the load or the supports are not the same on every '
             'block of a layer; expected "auto" or "none"'
         )
 
 
-def searched_in_all_sectors(system: System, surfaces: SearchedPoints) -> SearchedPoints:
+def searched_in_all_sectors(sector: Sector, surfaces: SearchedPoints) -> SearchedPoints:
     """Points of the whole assembly from those of one sector; their `order` is sector by sector."""
-    if system.orbits.order == 1:
+    if sector.orbits.order == 1:
         return replace(surfaces, order=np.arange(surfaces.n_facets))
-    assembly, once = system.assembly, _images(system, system.orbits.order)
+    assembly, once = sector.whole.assembly, _images(sector.whole, sector.orbits.order)
     image, others = np.arange(assembly.n_blocks), []
-    for turn in _turns(system)[1:]:
+    for turn in _turns(sector)[1:]:
         image = once[image]
         others.append(surfaces.turned(turn, assembly.origin, image))
     return surfaces.joined(others)
 
 
 def vectors_in_all_sectors(
-    system: System,
+    sector: Sector,
     vectors: FloatArray,
     searched: SearchedPoints | None,
 ) -> FloatArray:
@@ -135,7 +142,7 @@ def vectors_in_all_sectors(
 
     Parameters
     ----------
-    system
+    sector
         What is computed of the whole.
     vectors
         At the points that are computed, world axes, (n_facets, n_points, 3).
@@ -143,12 +150,13 @@ def vectors_in_all_sectors(
         Points of the whole (`searched_in_all_sectors`); None: matched facets.
     """
     if searched is not None:
-        turned = [vectors @ turn.T for turn in _turns(system)]
+        turned = [vectors @ turn.T for turn in _turns(sector)]
         return np.concatenate(turned)[searched.order]
-    orbits, surfaces = system.orbits, system.surfaces
+    system, orbits = sector.whole, sector.orbits
+    surfaces = system.surfaces
     values = vectors.reshape(-1, 3)[orbits.point_of]
     stands = orbits.facets[orbits.point_of[:, 0] // surfaces.basis.n_points]
-    frames, swapped = system.frames.axes, orbits.swapped
+    frames, swapped = sector.frames.axes, orbits.swapped
     # Alike in the frames of their blocks that deform; where blocks have changed places it acts on
     # the other one.
     on_m = system.group_of[surfaces.block_s[stands]] < 0
@@ -159,11 +167,11 @@ def vectors_in_all_sectors(
     return np.asarray(np.reshape(sign, (-1, 1, 1)) * (values @ turn.swapaxes(1, 2)))
 
 
-def _turns(system: System) -> list[FloatArray]:
+def _turns(sector: Sector) -> list[FloatArray]:
     """Rotations from the computed sector to each."""
-    order = system.orbits.order
+    order = sector.orbits.order
     angles = 2.0 * np.pi * np.arange(order) / order
-    return [axis_rotation(system.assembly.axis, angle) for angle in angles.tolist()]
+    return [axis_rotation(sector.whole.assembly.axis, angle) for angle in angles.tolist()]
 
 
 def axis_rotation(axis: FloatArray, angle: float) -> FloatArray:
@@ -176,41 +184,61 @@ def _images(system: System, order: int) -> IntArray:
     """Block onto which the rotation maps each block, (n_blocks,)."""
     assembly = system.assembly
     turn = axis_rotation(assembly.axis, 2.0 * np.pi / order)
-    place = assembly.translations + system.offsets - assembly.origin
-    centroid = assembly.centroids + system.offsets - assembly.origin
-    distance, image = cKDTree(centroid).query(centroid @ turn.T)
-    away = np.abs(place @ turn.T - place[image]).max(axis=1)
-    tilt = np.abs(turn @ assembly.rotations - assembly.rotations[image]).max(axis=(1, 2))
-    size = assembly.characteristic_length
-    bad = (distance > _TOLERANCE * size) | (away > _TOLERANCE * size) | (tilt > _TOLERANCE)
-    bad |= assembly.shape_of != assembly.shape_of[image]
-    bad |= system.group_of != system.group_of[image]
+    image, motion, met = _moved(system, np.arange(assembly.n_blocks), turn, assembly.origin)
+    bad = ~met | (np.abs(motion - np.eye(3, 4)).max(axis=(1, 2)) > _TOLERANCE)
     if bad.any():
         raise SymmetryError(
             f"symmetry: a turn by 1/{order} does not map block {int(np.flatnonzero(bad)[0])} onto "
             "a congruent block; expected an order that divides the number of blocks in a layer"
         )
-    return np.asarray(image, dtype=np.int64)
+    return image
 
 
-def _check_loads(system: System, image: IntArray, order: int) -> None:
-    loads, held = system.loads[-1], _held_components(system)
-    largest = float(np.abs(loads).max())
-    for block in system.deformable_blocks.tolist():
-        other = int(image[block])
-        pair = [system.nodes_of(int(system.slot_of[of])) for of in (block, other)]
-        difference = float(np.abs(loads[pair[0]] - loads[pair[1]]).max())
-        if difference > _TOLERANCE * largest:
-            raise SymmetryError(
-                f"symmetry: the loads of blocks {block} and {other} differ by "
-                f"{difference:.3g} N in their own frames, so a turn by 1/{order} is no symmetry; "
-                "expected a load that repeats, or symmetry off"
-            )
-        if not np.allclose(held[pair[0]], held[pair[1]], rtol=0.0, atol=_TOLERANCE):
-            raise SymmetryError(
-                f"symmetry: blocks {block} and {other} have different supports, so a rotation "
-                f"by 1/{order} is no symmetry; expected supports that repeat, or symmetry off"
-            )
+def _moved(
+    system: System, blocks: IntArray, turn: FloatArray, centre: FloatArray
+) -> tuple[IntArray, FloatArray, BoolArray]:
+    """Where a turn about a centre (3,) [mm] takes some blocks (n,).
+
+    Returns
+    -------
+    tuple[IntArray, FloatArray, BoolArray]
+        The nearest of them, of others themselves, (n_blocks,). How x of a block in its own frame
+        comes to turn and shift in that of its image, the shift in block sizes, (n, 3, 4). Whether
+        a block of the same kind is there, (n,).
+    """
+    assembly = system.assembly
+    place, centroid = (
+        (of + system.offsets - centre)[blocks] for of in (assembly.translations, assembly.centroids)
+    )
+    distance, nearest = cKDTree(centroid).query(centroid @ turn.T)
+    to, image = np.asarray(nearest, dtype=np.int64), np.arange(assembly.n_blocks)
+    image[blocks] = blocks[to]
+    back = np.swapaxes(assembly.rotations[image[blocks]], 1, 2)
+    shift = np.einsum("bij,bj->bi", back, place @ turn.T - place[to])
+    shift /= assembly.characteristic_length
+    own = back @ turn @ assembly.rotations[blocks]
+    kinds = np.stack([assembly.shape_of, system.group_of])
+    met = np.asarray(distance) <= _TOLERANCE * assembly.characteristic_length
+    met &= (kinds == kinds[:, image]).all(axis=0)[blocks]
+    return image, np.concatenate([own, shift[:, :, None]], axis=2), met
+
+
+def _unlike(
+    every: Sector, values: FloatArray, image: IntArray, over: TurnedOver | None = None
+) -> int | None:
+    """Block whose values of nodes (n_nodes, …, 3) are not those of its image, turned over or not.
+
+    None where all are.
+    """
+    tolerance = _TOLERANCE * float(np.abs(values).max())
+    for block in every.blocks.tolist():
+        one, two = (values[every.nodes_of(int(every.slot_of[b]))] for b in (block, image[block]))
+        if over is not None:
+            shape = int(every.whole.assembly.shape_of[block])
+            one, two = one @ over.rotations[shape].T, two[over.nodes[shape]]
+        if np.abs(one - two).max() > tolerance:
+            return int(block)
+    return None
 
 
 def _same_joints(system: System, image: IntArray) -> bool:
@@ -226,27 +254,28 @@ def _same_joints(system: System, image: IntArray) -> bool:
     )
 
 
-def _held_components(system: System) -> FloatArray:
+def _held_components(every: Sector) -> FloatArray:
     """Projector on the held directions, and the way by each table, of each node in block frames.
 
     (n_nodes, 4 + n_tables, 3), what none moves last; blocks with equal arrays are held alike.
     """
-    of = system.held
-    result = np.zeros((system.n_nodes, 3 + of.ways.shape[1], 3))
+    of = every.held
+    result = np.zeros((every.n_nodes, 3 + of.ways.shape[1], 3))
     result[of.nodes, :3] = (of.axes * of.held[:, None]) @ of.axes.swapaxes(1, 2)
     result[of.nodes, 3:] = of.ways
     return result
 
 
-def with_half_turn(system: System, orbits: Orbits) -> Orbits:
-    """Orbits of blocks without supports that a half turn maps as well, if one does.
+def _with_half_turn(sector: Sector) -> Sector:
+    """Sector of blocks without supports that a half turn maps as well, if one does.
 
     About a radius half way up a tube, else about an axis through the middle of all blocks, such as
     the normal of a wall. No block may be its own image, turned over.
     """
+    system, orbits = sector.whole, sector.orbits
     assembly, moving = system.assembly, system.deformable_blocks
     if len(system.supports.block) or assembly.image_of is not None:
-        return orbits
+        return sector
     centroids = (assembly.centroids + system.offsets - assembly.origin)[moving]
     height = centroids @ assembly.axis
     middle = 0.5 * (height.min() + height.max())
@@ -259,43 +288,30 @@ def with_half_turn(system: System, orbits: Orbits) -> Orbits:
         if length > _TOLERANCE * size:
             turn = 2.0 * np.outer(radius, radius) / length**2 - np.eye(3)
             centre = middle * assembly.axis + assembly.origin
-            result = _turned_over(system, orbits, turn, centre)
+            result = _turned_over(sector, turn, centre)
             if result is not None:
                 return result
     centre = (assembly.centroids + system.offsets)[moving].mean(axis=0)
     for axis in np.eye(3) if orbits.order == 1 else ():
-        result = _turned_over(system, orbits, 2.0 * np.outer(axis, axis) - np.eye(3), centre)
+        result = _turned_over(sector, 2.0 * np.outer(axis, axis) - np.eye(3), centre)
         if result is not None:
             return result
-    return orbits
+    return sector
 
 
-def _turned_over(
-    system: System, orbits: Orbits, turn: FloatArray, centre: FloatArray
-) -> Orbits | None:
-    """Orbits with a half turn about a centre as well; None where it is no symmetry."""
+def _turned_over(sector: Sector, turn: FloatArray, centre: FloatArray) -> Sector | None:
+    """The sector with a half turn about a centre as well; None where it is no symmetry."""
+    system, before = sector.whole, sector.orbits.representative
     assembly, moving = system.assembly, system.deformable_blocks
-    size = assembly.characteristic_length
-    place = (assembly.translations + system.offsets - centre)[moving]
-    centroid = (assembly.centroids + system.offsets - centre)[moving]
-    distance, result = cKDTree(centroid).query(centroid @ turn.T)
-    to = np.asarray(result, dtype=np.int64)
-    image = np.arange(assembly.n_blocks)
-    image[moving] = moving[to]
-    before = orbits.representative
-    kinds = np.stack([assembly.shape_of, system.group_of])
-    if np.max(distance) > _TOLERANCE * size or (kinds != kinds[:, image]).any():
+    image, motion, met = _moved(system, moving, turn, centre)
+    if not met.all():
         return None
-    # x of a block in its own frame comes to own @ x + shift in that of its image.
-    back = np.swapaxes(assembly.rotations[image[moving]], 1, 2)
-    own = back @ turn @ assembly.rotations[moving]
-    shift = np.einsum("bij,bj->bi", back, place @ turn.T - place[to]) / size
-    motion = np.concatenate([own, shift[:, :, None]], axis=2)
     rotations, nodes, facets = [], [], []
     for number, shape in enumerate(assembly.shapes):
         mine = motion[assembly.shape_of[moving] == number]
         first = mine[0] if len(mine) else np.eye(3, 4)
-        turned = _onto_itself(shape, first[:, :3], size * first[:, 3])
+        shift = assembly.characteristic_length * first[:, 3]
+        turned = _onto_itself(shape, first[:, :3], shift)
         if turned is None or np.abs(mine - first).max(initial=0.0) > _TOLERANCE:
             return None
         rotations.append(first[:, :3])
@@ -304,11 +320,13 @@ def _turned_over(
     if (before[image] == before)[moving].any():
         return None
     over = TurnedOver(before[image] < before, tuple(rotations), tuple(nodes), tuple(facets))
-    half = replace(orbits, representative=np.minimum(before, before[image]), over=over)
-    if not (_loads_turn(system, half, image) and _same_joints(system, image)):
+    every = system.computed
+    differs = _unlike(every, every.loads[-1], image, over) is not None
+    if differs or not _same_joints(system, image):
         return None
-    found_facets = _with_facets(system, half)
-    return found_facets if _same_facets(system, found_facets) else None
+    stands = np.minimum(before, before[image])
+    half = _with_facets(system, replace(sector.orbits, representative=stands, over=over))
+    return half if _same_facets(half) else None
 
 
 def _onto_itself(
@@ -330,25 +348,10 @@ def _onto_itself(
     return image, facets
 
 
-def _loads_turn(system: System, orbits: Orbits, image: IntArray) -> bool:
-    """Whether the loads of every block are those of its image, turned over."""
-    over = orbits.over
-    assert over is not None
-    loads = system.loads[-1]
-    largest = float(np.abs(loads).max())
-    for block in system.deformable_blocks.tolist():
-        other, shape = int(image[block]), int(system.assembly.shape_of[block])
-        one, two = (loads[system.nodes_of(int(system.slot_of[b]))] for b in (block, other))
-        expected = one @ over.rotations[shape].T
-        if np.abs(two[over.nodes[shape]] - expected).max() > _TOLERANCE * largest:
-            return False
-    return True
-
-
-def _same_facets(system: System, orbits: Orbits) -> bool:
+def _same_facets(sector: Sector) -> bool:
     """Whether every point has the gap and the area of the one that stands for it."""
-    surfaces = system.surfaces
-    size = system.assembly.characteristic_length
+    surfaces, orbits = sector.whole.surfaces, sector.orbits
+    size = sector.whole.assembly.characteristic_length
     for values, unit in ((surfaces.initial_gaps, size), (surfaces.weights, size**2)):
         stands = values[orbits.facets].ravel()[orbits.point_of]
         if np.abs(values - stands).max() > _TOLERANCE * unit:
@@ -356,8 +359,8 @@ def _same_facets(system: System, orbits: Orbits) -> bool:
     return True
 
 
-def _with_facets(system: System, orbits: Orbits) -> Orbits:
-    """Find one facet of each orbit, and for every point which one stands for it.
+def _with_facets(system: System, orbits: Orbits) -> Sector:
+    """Sector of blocks with one facet of each orbit, and for every point which one stands for it.
 
     A facet of a block meets exactly one other facet, so the two (representative, facet number)
     of a contact, unordered, name its orbit.
@@ -375,7 +378,7 @@ def _with_facets(system: System, orbits: Orbits) -> Orbits:
     position = np.searchsorted(facets, first)[which.ravel()]
     # Points go with corners. Where master and opposing block have changed places, the image's
     # corners are those of the representative's opposing facet, in another order.
-    nodes = system.in_sector(orbits).frames.nodes
+    nodes = Sector(system, orbits).frames.nodes
     quads_m, quads_s = (
         nodes[blocks[:, None], quads[:, basis.corners]] for blocks, _, quads in sides
     )
@@ -392,7 +395,8 @@ def _with_facets(system: System, orbits: Orbits) -> Orbits:
     point_of = point_of + basis.points_after(match.argmax(axis=2))
     share = 1.0 if orbits.over is None else np.where(end_m == end_s, 0.5, 1.0)[facets, None]
     swapped = ~same | (rigid != rigid[stands])
-    return replace(orbits, facets=facets, point_of=point_of, swapped=swapped, share=share)
+    found = replace(orbits, facets=facets, point_of=point_of, swapped=swapped, share=share)
+    return Sector(system, found)
 
 
 def _ends(system: System, orbits: Orbits, blocks: IntArray, facets: IntArray) -> IntArray:

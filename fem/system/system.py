@@ -1,8 +1,9 @@
-"""An assembly as arrays: congruent blocks, their contact, loads and supports, and a symmetry.
+"""An assembly as arrays: congruent blocks, their contact, loads and supports; and a sector of it.
 
 In its own frame every copy of a block has the same stiffness, whatever its placement. Blocks that
-a symmetry makes equal have one representative. The nodes of all representatives are numbered one
-block after the other; displacements are (n_nodes, 3), in the frames of their blocks.
+a symmetry makes equal have one representative, which a `Sector` computes. The nodes of all
+representatives are numbered one block after the other; displacements are (n_nodes, 3), in the
+frames of their blocks.
 """
 
 from __future__ import annotations
@@ -106,7 +107,7 @@ class Orbits:
 
 @dataclass(frozen=True)
 class System:
-    """Deformable blocks with their contact, loads and supports, and which of them are computed."""
+    """Deformable blocks with their contact, loads and supports."""
 
     assembly: Assembly
     """All blocks."""
@@ -132,19 +133,10 @@ class System:
     on_ground: FloatArray | None = None
     """Loads on blocks that do not deform, which what fixes them takes: force and moment about each
     centroid, (n_blocks, 6) [N, N mm]; None: absent."""
-    sector: Orbits | None = None
-    """Which blocks are represented by which; None: each by itself."""
-    chosen: ContactPoints | None = None
-    """Points of contact, such as a search found; None: facets of the surfaces."""
-    begin: tuple[FloatArray, FloatArray] | None = None
-    """Displacements [mm] and loads [N] at the beginning of a path, (n_nodes, 3) each; None: the
-    blocks are at rest, without loads."""
 
     def __post_init__(self) -> None:
         if any(load.follows_block for load in self.forces):
             refuse_turning_springs(self.bodies)
-
-    # ---- all blocks
 
     @property
     def meets(self) -> bool:
@@ -155,6 +147,11 @@ class System:
     def n_elements(self) -> int:
         """Elements of all copies."""
         return sum(body.mesh.n_elements * body.n_copies for body in self.bodies)
+
+    @property
+    def n_nodes(self) -> int:
+        """Nodes of all copies."""
+        return sum(body.n_nodes * body.n_copies for body in self.bodies)
 
     @property
     def deformable_blocks(self) -> IntArray:
@@ -198,32 +195,50 @@ class System:
         )
         return replace(self, forces=forces, gravity=gravity, on_ground=ground)
 
-    # ---- representatives
-
-    def in_sector(self, orbits: Orbits) -> System:
-        """The same blocks, of which those that represent others are computed."""
-        return replace(self, sector=orbits, chosen=None)
-
     @property
-    def whole(self) -> System:
-        """The same, all blocks computed, from rest."""
-        return replace(self, sector=None, chosen=None, begin=None)
+    def computed(self) -> Sector:
+        """All blocks, from rest."""
+        n, per_facet = self.surfaces.weights.shape
+        points = np.arange(n * per_facet).reshape(n, per_facet)
+        return Sector(self, Orbits(1, self.assembly.originals, np.arange(n), points))
 
-    @cached_property
-    def orbits(self) -> Orbits:
-        """Which blocks are represented by which."""
-        return self.sector or no_symmetry(self.assembly, self.surfaces)
+    def stick(self, most: float = math.inf) -> float:
+        """Stiffness of points that stick, of a system with friction; by default at most ``most``.
+
+        In MPa/mm.
+        """
+        assert self.contact.friction is not None
+        modulus = max(body.material.young_modulus for body in self.bodies)
+        return self.contact.friction.stick(modulus, self.assembly.characteristic_length, most)
+
+
+@dataclass(frozen=True)
+class Sector:
+    """The blocks of a system that are computed, which stand for all, and where their path begins.
+
+    Without a symmetry it has all of them.
+    """
+
+    whole: System
+    """All blocks."""
+    orbits: Orbits
+    """Which blocks are represented by which."""
+    chosen: ContactPoints | None = None
+    """Points of contact, such as a search found; None: facets of the surfaces."""
+    begin: tuple[FloatArray, FloatArray] | None = None
+    """Displacements [mm] and loads [N] at the beginning of a path, (n_nodes, 3) each; None: the
+    blocks are at rest, without loads."""
 
     @cached_property
     def blocks(self) -> IntArray:
         """Representative deformable blocks, (n_slots,)."""
         chosen = np.unique(self.orbits.representative)
-        return chosen[self.group_of[chosen] >= 0]
+        return chosen[self.whole.group_of[chosen] >= 0]
 
     @cached_property
     def slot_of(self) -> IntArray:
         """Slot of the representative of every block, -1 for rigid ones, (n_blocks,)."""
-        slot = np.full(self.assembly.n_blocks, -1, dtype=np.int64)
+        slot = np.full(self.whole.assembly.n_blocks, -1, dtype=np.int64)
         slot[self.blocks] = np.arange(self.n_slots)
         return slot[self.orbits.representative]
 
@@ -236,8 +251,8 @@ class System:
     @cached_property
     def frames(self) -> BlockFrames:
         """Of the representative of each block, in the place of the block."""
-        assembly, over = self.assembly, self.orbits.over
-        axes, origins = assembly.rotations.copy(), assembly.translations + self.offsets
+        assembly, over = self.whole.assembly, self.orbits.over
+        axes, origins = assembly.rotations.copy(), assembly.translations + self.whole.offsets
         every = np.arange(max(shape.mesh.n_nodes for shape in assembly.shapes))
         nodes = np.tile(every, (assembly.n_blocks, 1))
         if over is not None:
@@ -261,7 +276,7 @@ class System:
         """Facets to integrate, one of each orbit, or points that a search found."""
         points = self.chosen
         if points is None:
-            points = self.surfaces.subset(self.orbits.facets)
+            points = self.whole.surfaces.subset(self.orbits.facets)
             points = replace(points, weights=self.orbits.share * points.weights)
         sides = (points.block_m, points.quads_m), (points.block_s, points.quads_s)
         return replace(
@@ -269,41 +284,32 @@ class System:
             rows=np.concatenate([self.rows[of[:, None], quads] for of, quads in sides], axis=1),
             axes=np.stack([self.frames.axes[of] for of, _ in sides], axis=1),
             n_rows=self.n_nodes,
-            sides=points.sides if self.contact.friction else points.sides[:, :, :0],
+            sides=points.sides if self.whole.contact.friction else points.sides[:, :, :0],
         )
 
     @cached_property
     def law(self) -> Coulomb:
         """Pressure and friction there."""
         points = self.points
-        law, friction = self.contact.law, self.contact.friction
-        stick = 0.0 if friction is None else self.stick()
+        law, friction = self.whole.contact.law, self.whole.contact.friction
+        stick = 0.0 if friction is None else self.whole.stick()
         return coulomb(law, friction, stick, points.block_m, points.block_s)
-
-    def stick(self, most: float = math.inf) -> float:
-        """Stiffness of points that stick, of a system with friction; by default at most ``most``.
-
-        In MPa/mm.
-        """
-        assert self.contact.friction is not None
-        modulus = max(body.material.young_modulus for body in self.bodies)
-        return self.contact.friction.stick(modulus, self.assembly.characteristic_length, most)
 
     @cached_property
     def starts(self) -> IntArray:
         """First node of each block that is computed, -1 of all others, (n_blocks,)."""
-        starts = np.full(self.assembly.n_blocks, -1)
+        starts = np.full(self.whole.assembly.n_blocks, -1)
         starts[self.blocks] = self.node_start[:-1]
         return starts
 
     def nodal_forces(self, *, weight: bool = True) -> FloatArray:
         """Forces at their full size, block frames, (n_nodes, 3) [N]."""
         total = np.zeros((self.n_nodes, 3))
-        for load in self.forces:
+        for load in self.whole.forces:
             np.add.at(total, *load.on(self.starts))
-        if weight and self.gravity is not None:
+        if weight and self.whole.gravity is not None:
             for slot, block in enumerate(self.blocks.tolist()):
-                local = self.gravity @ self.assembly.rotations[block]
+                local = self.whole.gravity @ self.whole.assembly.rotations[block]
                 total[self.nodes_of(slot)] += self.body(slot).lumped_mass[:, None] * local
         return total
 
@@ -325,7 +331,7 @@ class System:
         ModelError
             Supports of one node that contradict each other.
         """
-        held = self.supports.on(self.starts)
+        held = self.whole.supports.on(self.starts)
         return held if self.begin is None else held.beginning_at(self.begin[0])
 
     @property
@@ -345,23 +351,25 @@ class System:
 
     def body(self, slot: int) -> Body:
         """Return the body of a slot."""
-        return self.body_of(int(self.blocks[slot]))
+        return self.whole.body_of(int(self.blocks[slot]))
 
     def nodes_of(self, slot: int) -> slice:
         """Nodes of a slot."""
         return slice(int(self.node_start[slot]), int(self.node_start[slot + 1]))
 
-    def on(self, points: ContactPoints) -> System:
+    def on(self, points: ContactPoints) -> Sector:
         """The same with other points of contact."""
         return replace(self, chosen=points)
 
     def internal_force(self, displacement: FloatArray) -> FloatArray:
         """K u, congruent blocks at once, (n_nodes, 3) [N]."""
-        force, body_of = np.empty_like(displacement), self.group_of[self.blocks]
+        force, body_of = np.empty_like(displacement), self.whole.group_of[self.blocks]
         for number in np.unique(body_of):
             slots = np.flatnonzero(body_of == number).tolist()
             moved = np.stack([displacement[self.nodes_of(slot)] for slot in slots])
-            for slot, own in zip(slots, self.bodies[number].internal_force(moved), strict=True):
+            for slot, own in zip(
+                slots, self.whole.bodies[number].internal_force(moved), strict=True
+            ):
                 force[self.nodes_of(slot)] = own
         return force
 
@@ -375,24 +383,19 @@ class System:
         """
         parts = []
         for block in self.blocks:
-            world = displacements[self.group_of[block]][self.copy_of[block]]
-            parts.append(world @ self.assembly.rotations[block])
+            world = displacements[self.whole.group_of[block]][self.whole.copy_of[block]]
+            parts.append(world @ self.whole.assembly.rotations[block])
         return np.concatenate(parts)
 
     def expand(self, displacement: FloatArray) -> list[FloatArray]:
         """World displacements of every copy of each body, (n_copies, n_nodes, 3) [mm]."""
-        result = [np.zeros((body.n_copies, body.n_nodes, 3)) for body in self.bodies]
-        for block in self.deformable_blocks.tolist():
-            local = displacement[self.rows[block, : self.body_of(block).n_nodes]]
-            result[self.group_of[block]][self.copy_of[block]] = local @ self.frames.axes[block].T
+        result = [np.zeros((body.n_copies, body.n_nodes, 3)) for body in self.whole.bodies]
+        for block in self.whole.deformable_blocks.tolist():
+            local = displacement[self.rows[block, : self.whole.body_of(block).n_nodes]]
+            result[self.whole.group_of[block]][self.whole.copy_of[block]] = (
+                local @ self.frames.axes[block].T
+            )
         return result
-
-
-def no_symmetry(assembly: Assembly, surfaces: MatchedFacets) -> Orbits:
-    """Every block is its own representative (and that of its periodic images)."""
-    n, per_facet = surfaces.weights.shape
-    points = np.arange(n * per_facet).reshape(n, per_facet)
-    return Orbits(1, assembly.originals, np.arange(n), points)
 
 
 def at_share(loads: FloatArray, share: float) -> FloatArray:

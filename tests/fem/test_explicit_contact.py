@@ -36,7 +36,7 @@ def random_displacements(deformable, size, seed=0):
 
 def in_model_order(statement, displacements):
     """Displacements of all copies in the order of the explicit model's copies."""
-    copy_of = statement.system.copy_of
+    copy_of = statement.system.whole.copy_of
     pairs = zip(displacements, statement.blocks, strict=True)
     return tuple(moved[copy_of[blocks]] for moved, blocks in pairs)
 
@@ -46,7 +46,7 @@ def kernel_forces(statement, displacements, *, then=None, **options):
 
     With ``then`` those at displacements that follow upon the first.
     """
-    copy_of = statement.system.copy_of
+    copy_of = statement.system.whole.copy_of
 
     def ready(moved):
         start = in_model_order(statement, moved)

@@ -12,7 +12,7 @@ from fem.static.solve import StaticOptions, static_state
 from fem.system.body import ModelError
 from fem.system.forces import TabularAmplitude
 from fem.system.held import Held, HeldRows, held_at, joined_rows
-from fem.system.sector import largest_cyclic_orbits
+from fem.system.sector import largest_sector
 from validation import load_case
 
 SLANTED = np.array([np.cos(0.6), np.sin(0.6), 0.0])
@@ -93,4 +93,4 @@ def test_supports_that_move_at_other_times_are_no_sector(late: tuple[int, ...], 
         )
         for number, block in enumerate(model.deformable_blocks.tolist())
     ]
-    assert largest_cyclic_orbits(replace(model, supports=joined_rows(moved))).order == order
+    assert largest_sector(replace(model, supports=joined_rows(moved))).orbits.order == order

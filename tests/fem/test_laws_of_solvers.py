@@ -320,7 +320,7 @@ def test_joints_and_loads_balance_every_block(name: str) -> None:
     points, system = found.contact_state, found.deformable
     near = SOFT * found.residual
     assert imbalance_of(found).largest <= near
-    forces = system.expand(system.nodal_forces())
+    forces = system.computed.expand(system.computed.nodal_forces())
     left = np.zeros((system.assembly.n_blocks, 3))
     for block in system.deformable_blocks.tolist():
         left[block] = forces[system.group_of[block]][system.copy_of[block]].sum(axis=0)
@@ -484,7 +484,7 @@ def test_forces_at_any_motion_balance_and_are_the_slope_of_an_energy(name: str) 
         for size in (5e-3, 1e-7)
     )
     for motion in (place, way):
-        still(model.system, motion)
+        still(model.system.whole, motion)
     forces, _ = contact_at(model, place)
     total, moment, size, work = np.zeros(3), np.zeros(3), 0.0, 0.0
     for body, force, u, du in zip(model.bodies, forces, place, way, strict=True):

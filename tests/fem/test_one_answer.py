@@ -24,7 +24,7 @@ from fem.static import problem as static_problem
 from fem.static.linear_step.grid import grid_blocks
 from fem.static.linear_step.grid_block import PointFlexibility
 from fem.static.solve import StaticMethod, StaticOptions
-from fem.system.sector import largest_cyclic_orbits, with_half_turn
+from fem.system.sector import largest_sector
 from geometry import (
     Block,
     OsteomorphicWall,
@@ -125,8 +125,7 @@ def test_blocks_that_a_half_turn_maps_onto_others_are_not_computed(name: str, sh
     """Facets that it takes onto themselves count half; a weight along the axis breaks it."""
     deformable = replace(PROBLEMS[name], degree=2).deformable
     moving = deformable.deformable_blocks
-    orbits = largest_cyclic_orbits(deformable)
-    half = with_half_turn(deformable, orbits)
+    orbits, half = (largest_sector(deformable, half_turn=on).orbits for on in (False, True))
     one, all_layers = (len(np.unique(o.representative[moving])) for o in (half, orbits))
     assert one == share * all_layers
     facets = float(np.broadcast_to(half.share, (len(half.facets), 1)).sum())

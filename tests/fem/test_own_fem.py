@@ -339,7 +339,7 @@ def test_faces_that_slide_on_each_other_press_nowhere(tmp_path: Path) -> None:
         np.broadcast_to(sunk * way, (1, group.n_nodes, 3))
         for way, group in zip(along, deformable.bodies, strict=True)
     ]
-    facing = facing_points(deformable, tuple(moved))
+    facing = facing_points(deformable.computed, tuple(moved))
     corners, found = facing.position[facing.quads], facing.now
     points = np.einsum("na,nai->ni", found.shapes, corners[found.slave])
     _, gap, _ = closest_points(corners[found.facet], points, found.xi)

@@ -25,7 +25,7 @@ from fem import (
 from fem.contact.law import ContactLaw
 from fem.decks.keywords import DeckError
 from fem.static.solve import static_state
-from fem.system.sector import largest_cyclic_orbits
+from fem.system.sector import largest_sector
 from geometry import shaft
 from tests.support.coarse_tubes import ring
 from tests.support.pushed_bricks import EDGE, PRESSURE, SCENE, STONE, frictionless_answer, pushed
@@ -71,7 +71,7 @@ def test_a_sector_needs_the_same_of_all_round_the_axis(what: str) -> None:
             "material": [steel if b in some else concrete for b in range(blocks.n_blocks)],
         }
         problem = replace(Problem(blocks, shaft(0.01), concrete), **{what: stated[what]})
-        assert largest_cyclic_orbits(problem.deformable).order == order
+        assert largest_sector(problem.deformable).orbits.order == order
 
 
 def test_decks_have_an_interaction_for_each_law(tmp_path: Path) -> None:

@@ -119,7 +119,7 @@ def test_a_bent_block_is_torn_where_it_bends_most() -> None:
     displacements = tuple(np.zeros(s) for s in shape)
     x = deformable.assembly.shapes[0].mesh.nodes
     displacements[0][0] = np.column_stack([x[:, 0] * x[:, 2], 0 * x[:, 0], 0 * x[:, 0]]) / radius
-    found = stress_peaks(State(deformable, deformable.localised(displacements)))
+    found = stress_peaks(State(deformable.computed, deformable.computed.localised(displacements)))
     z = integration_points(group.mesh, group.element)[:, 2].max()
     # Beside ε_xx = z/R there is a shear x/R: σ₁ of the plane state with both.
     assert found.sigma_1.position[2] == pytest.approx(z, rel=1e-12)
@@ -141,7 +141,7 @@ def test_no_mean_is_above_the_largest_tension() -> None:
         np.repeat(u[None], g.n_copies, axis=0)
         for u, g in zip(along, deformable.bodies, strict=True)
     )
-    found = stress_peaks(State(deformable, deformable.localised(displacements)))
+    found = stress_peaks(State(deformable.computed, deformable.computed.localised(displacements)))
     assert 0.0 < found.sigma_1_averaged.value < found.sigma_1.value
 
 
@@ -154,7 +154,7 @@ def test_pressure_peaks_at_the_corner_that_is_pressed_most() -> None:
         x = deformable.assembly.nodes(block)
         group, copy = deformable.group_of[block], deformable.copy_of[block]
         displacements[group][copy][:, 2] = -turn * x[:, 0]
-    state = State(deformable, deformable.localised(displacements))
+    state = State(deformable.computed, deformable.computed.localised(displacements))
     law = deformable.contact.law
     peak = largest_pressure(state)
     assert peak is not None

@@ -134,7 +134,7 @@ def loaded_nodes(system: System) -> tuple[FloatArray, FloatArray]:
     (n_nodes, 3) [mm] and alike [N]
     """
     places = [body.reference_positions() for body in system.bodies]
-    forces = system.expand(system.nodal_forces(weight=False))
+    forces = system.computed.expand(system.computed.nodal_forces(weight=False))
     return tuple(np.concatenate([a.reshape(-1, 3) for a in of]) for of in (places, forces))
 
 

@@ -105,11 +105,12 @@ def lone_bodies(
         gravity=None if effects is None else effects.gravity,
     )
     blocks = tuple(np.flatnonzero(body_of == number) for number in range(len(bodies)))
-    return TimedSystem(system, blocks, effects or Effects())
+    return TimedSystem(system.computed, blocks, effects or Effects())
 
 
 def with_supports(stated: TimedSystem, *supports: Support) -> TimedSystem:
     """The same with other supports, of the blocks that are computed."""
-    held = joined_rows([support(stated.system.bodies) for support in supports])
+    whole = stated.system.whole
+    held = joined_rows([support(whole.bodies) for support in supports])
     held = replace(held, block=np.concatenate(stated.blocks)[held.block])
-    return replace(stated, system=replace(stated.system, supports=held))
+    return replace(stated, system=replace(stated.system, whole=replace(whole, supports=held)))

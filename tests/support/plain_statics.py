@@ -339,7 +339,7 @@ def plain_path(problem: Problem, path: Sequence[tuple[float, float]]) -> PlainSt
 def plain_searched(problem: Problem) -> PlainState:
     """Equilibrium under the whole load at once on the points that a search finds there."""
     arrays, deformable = plain_arrays(problem), problem.deformable
-    search, state = facing_points(deformable), _rest(problem, arrays)
+    search, state = facing_points(deformable.computed), _rest(problem, arrays)
     for _ in range(40):
         found = points_of_search(search, problem.clearance)
         rows = [

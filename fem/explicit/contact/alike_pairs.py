@@ -18,7 +18,7 @@ import numpy as np
 
 from fem.element.facet import FACET_SLOPES
 from fem.explicit.kernels.lanes import REGISTER_DOUBLES
-from fem.system.system import System
+from fem.system.system import Sector
 from geometry.interface import SAME_PLACEMENT
 from geometry.mesh import FloatArray, IntArray
 
@@ -93,15 +93,15 @@ class _Pair:
         return near and float(np.abs(self.rotation - other.rotation).max()) <= SAME_PLACEMENT
 
 
-def _kind(system: System, m: int, s: int) -> tuple[float, int]:
+def _kind(system: Sector, m: int, s: int) -> tuple[float, int]:
     """Coefficient of friction between two blocks, and the place of their law among all laws."""
-    contact, joint = system.contact, (np.array([m]), np.array([s]))
+    contact, joint = system.whole.contact, (np.array([m]), np.array([s]))
     friction = 0.0 if contact.friction is None else contact.friction.on(*joint)
     return float(np.ravel(friction)[0]), contact.law.members.index(contact.law.on(*joint))
 
 
 def _seen(
-    system: System,
+    system: Sector,
     facets: IntArray,
     *,
     swapped: bool,
@@ -122,8 +122,8 @@ def _seen(
     order = np.lexsort(quads[:, 0].T[::-1])
     facets, quads = facets[order], quads[order]
     share = np.broadcast_to(system.orbits.share, (points.n_facets, 1))[facets, 0]
-    shapes = (int(system.assembly.shape_of[b]) for b in (m, s))
-    groups = (int(system.group_of[b]) for b in (m, s))
+    shapes = (int(system.whole.assembly.shape_of[b]) for b in (m, s))
+    groups = (int(system.whole.group_of[b]) for b in (m, s))
     parts = (quads[:, 0].tobytes(), quads[:, 1].tobytes(), share.tobytes())
     return _Pair(
         blocks=(m, s),
@@ -137,7 +137,7 @@ def _seen(
     )
 
 
-def alike_pairs(system: System, copy_of: IntArray) -> tuple[AlikePairs, ...]:
+def alike_pairs(system: Sector, copy_of: IntArray) -> tuple[AlikePairs, ...]:
     """Sort the matched facets of an assembly into alike pairs.
 
     Parameters
@@ -147,7 +147,7 @@ def alike_pairs(system: System, copy_of: IntArray) -> tuple[AlikePairs, ...]:
     copy_of
         Copy that carries the unknowns of each block, its representative's; (n_blocks,).
     """
-    size = system.assembly.characteristic_length
+    size = system.whole.assembly.characteristic_length
     result: dict[tuple[int | float | bytes, ...], list[list[_Pair]]] = {}
     for first, last in pairwise(system.points.pair_start.tolist()):
         facets = np.arange(first, last)
@@ -163,7 +163,7 @@ def alike_pairs(system: System, copy_of: IntArray) -> tuple[AlikePairs, ...]:
     return tuple(_join(system, pairs, copy_of) for alike in result.values() for pairs in alike)
 
 
-def _join(system: System, pairs: list[_Pair], copy_of: IntArray) -> AlikePairs:
+def _join(system: Sector, pairs: list[_Pair], copy_of: IntArray) -> AlikePairs:
     """Gather alike pairs; the reference geometry is that of the first."""
     copies = np.maximum(copy_of[np.array([pair.blocks for pair in pairs])], 0)
     pairs = [pairs[k] for k in np.lexsort((copies[:, 1], copies[:, 0])).tolist()]
@@ -171,12 +171,12 @@ def _join(system: System, pairs: list[_Pair], copy_of: IntArray) -> AlikePairs:
     both = first.quads.transpose(0, 2, 1).reshape(-1, 2)
     nodes, corner = np.unique(both, axis=0, return_inverse=True)
     m, s = first.blocks
-    x_m = system.assembly.shape(m).mesh.nodes[nodes[:, 0]]
-    x_s = system.assembly.shape(s).mesh.nodes[nodes[:, 1]]
+    x_m = system.whole.assembly.shape(m).mesh.nodes[nodes[:, 0]]
+    x_s = system.whole.assembly.shape(s).mesh.nodes[nodes[:, 1]]
     x_s = x_s @ first.rotation.T + first.translation
     blocks = np.array([pair.blocks for pair in pairs], dtype=np.int64)
     return AlikePairs(
-        groups=(int(system.group_of[m]), int(system.group_of[s])),
+        groups=(int(system.whole.group_of[m]), int(system.whole.group_of[s])),
         copies=np.maximum(copy_of[blocks], 0),
         blocks=blocks,
         nodes=nodes.astype(np.int64),

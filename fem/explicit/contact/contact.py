@@ -16,16 +16,16 @@ class BlockContact(Interaction):
     """Contact of the blocks that are computed: arrays of one run."""
 
     def __init__(self, stated: TimedSystem) -> None:
-        self._stated, self._clearance = stated, stated.system.surfaces.clearance
+        self._stated, self._clearance = stated, stated.system.whole.surfaces.clearance
         self._allowed: float | None = None
 
     @property
     def _rubs(self) -> bool:
-        return self._stated.system.contact.friction is not None
+        return self._stated.system.whole.contact.friction is not None
 
     def _set_constants(self, block_m: IntArray, block_s: IntArray) -> None:
         """Law between blocks m and s of each unit or point, (n,) each, and its constants."""
-        stated, contact = self._stated, self._stated.system.contact
+        stated, contact = self._stated, self._stated.system.whole.contact
         law = coulomb(contact.law, contact.friction, stated.stick, block_m, block_s)
         self._law, self._constants = law.normal, compiled_law(law, self._clearance)
 
@@ -36,7 +36,7 @@ class BlockContact(Interaction):
     def fault(self, loop: Loop) -> str | None:
         """Where the stiffness of the law exceeds what the time step allows, and the remedy."""
         counted = self._stated.counted_stiffness
-        laws = self._stated.system.contact.law.members
+        laws = self._stated.system.whole.contact.law.members
         if all(law.constants.linear_stiffness <= counted for law in laws):
             return None
         deepest = self._deepest()

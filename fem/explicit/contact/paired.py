@@ -53,7 +53,7 @@ class FaceContact(BlockContact):
         self._widths = _compiled_widths(self._data)
         self._normals = (
             _reference_normals(self._pairs)
-            if stated.system.contact.normals is ContactNormals.REFERENCE
+            if stated.system.whole.contact.normals is ContactNormals.REFERENCE
             else None
         )
         self._rubbing: Rubbing | None = None

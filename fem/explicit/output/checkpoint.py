@@ -188,11 +188,18 @@ def fingerprint(loop: Loop) -> str:
     digest = hashlib.sha256()
     stated = loop.stated
     system = stated.system
-    placed = [system.assembly.rotations, system.assembly.translations, system.offsets]
-    faces = [[shape.mesh.nodes, shape.contact_quads] for shape in system.assembly.shapes]
+    placed = [
+        system.whole.assembly.rotations,
+        system.whole.assembly.translations,
+        system.whole.offsets,
+    ]
+    faces = [[shape.mesh.nodes, shape.contact_quads] for shape in system.whole.assembly.shapes]
     _hash(digest, [stated.bodies, stated.blocks, stated.effects, placed, faces])
-    _hash(digest, [system.contact, system.surfaces.clearance, stated.stick, system.orbits.share])
-    _hash(digest, [system.supports, system.forces, stated.counted_pressure])
+    _hash(
+        digest,
+        [system.whole.contact, system.whole.surfaces.clearance, stated.stick, system.orbits.share],
+    )
+    _hash(digest, [system.whole.supports, system.whole.forces, stated.counted_pressure])
     _hash(digest, loop.time_step)
     return digest.hexdigest()
 

@@ -24,7 +24,7 @@ from fem.contact.surfaces import ContactError
 from fem.explicit.timed import RecommendedTimes
 from fem.state import State
 from fem.system.body import Body, rigid_motions
-from fem.system.system import System
+from fem.system.system import Sector
 from geometry.mesh import FloatArray, IntArray
 
 #: Modes below this share of the highest frequency are taken for motions nothing resists.
@@ -63,7 +63,7 @@ def _centre(group: Body) -> tuple[FloatArray, float]:
     return centroid, float(radius)
 
 
-def block_frequencies(system: System, pressure: float) -> BlockFrequencies:
+def block_frequencies(system: Sector, pressure: float) -> BlockFrequencies:
     """Estimate the lowest frequencies about a state of uniform contact pressure [MPa].
 
     Parameters
@@ -89,7 +89,7 @@ def block_frequencies(system: System, pressure: float) -> BlockFrequencies:
     )
     free = _free_motions(system, motions, block_of)
     if not free.shape[1]:  # blocks only deform between their supports
-        lowest = min(map(_bar_frequency, system.bodies))
+        lowest = min(map(_bar_frequency, system.whole.bodies))
         return BlockFrequencies(lowest, lowest)
     whole = stiffness[:-1, :-1].swapaxes(1, 2).reshape(6 * n, 6 * n)
     squares, modes = scipy.linalg.eigh(
@@ -106,7 +106,7 @@ def block_frequencies(system: System, pressure: float) -> BlockFrequencies:
 
 
 def _add_contact(
-    stiffness: FloatArray, system: System, motions: FloatArray, pressure: float
+    stiffness: FloatArray, system: Sector, motions: FloatArray, pressure: float
 ) -> None:
     """Add w k g gᵀ of all points to the 6 × 6 blocks of two slots, g the gap of a unit motion.
 
@@ -129,7 +129,7 @@ def _add_contact(
         np.add.at(stiffness, (sides[:, one], sides[:, two]), block)
 
 
-def _free_motions(system: System, motions: FloatArray, block_of: IntArray) -> FloatArray:
+def _free_motions(system: Sector, motions: FloatArray, block_of: IntArray) -> FloatArray:
     """Rigid motions of all blocks that supports leave, orthonormal columns, (6 n_slots, n)."""
     squares, held = np.zeros((system.n_slots, 6, 6)), system.held
     along = np.einsum("nki,nkj->nij", held.axes, motions[held.nodes]) * held.held[:, :, None]
@@ -179,7 +179,7 @@ _END_PERIODS = 50.0
 _SETTLED = 2e-3
 
 
-def recommended_times(system: System, *, damped: bool, closing: bool = False) -> RecommendedTimes:
+def recommended_times(system: Sector, *, damped: bool, closing: bool = False) -> RecommendedTimes:
     """Recommend times from the lowest frequency of rigid blocks on their contacts.
 
     With friction the static state depends on the load path: the ramp is slower then.
@@ -201,7 +201,7 @@ def recommended_times(system: System, *, damped: bool, closing: bool = False) ->
     frequencies = block_frequencies(system, REFERENCE_PRESSURE)
     period = 1.0 / frequencies.excited
     periods = _RAMP_PERIODS[damped]
-    if system.contact.friction is not None:
+    if system.whole.contact.friction is not None:
         slow = _RAMP_PERIODS_CLOSING if closing else _RAMP_PERIODS_WITH_FRICTION
         periods = max(periods, slow)
     ramp = periods * period

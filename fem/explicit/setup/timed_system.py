@@ -24,8 +24,8 @@ from fem.system.body import ModelError, refuse_turning_springs
 from fem.system.contact_state import facing_points, searched_state
 from fem.system.effects import EffectError, Effects
 from fem.system.forces import ALL_THE_WAY, SmoothStepAmplitude, TabularAmplitude
-from fem.system.sector import SymmetryError, largest_cyclic_orbits, require_sector, with_half_turn
-from fem.system.system import Orbits, System
+from fem.system.sector import SymmetryError, largest_sector, require_sector
+from fem.system.system import Sector, System
 from fem.system.time_step import TimeStepError
 from geometry.mesh import FloatArray, IntArray
 
@@ -41,7 +41,7 @@ def counting_more(stated: TimedSystem) -> TimedSystem | None:
 
     A run whose contact outgrows its time step starts again with it. Single bodies have no contact.
     """
-    if not stated.system.meets:
+    if not stated.system.whole.meets:
         return None
     for pressure in _COUNTED_PRESSURES:
         more = replace(stated, counted_pressure=pressure)
@@ -98,11 +98,11 @@ def timed_system(
     at_start = max(float(law.pressure(before)) for law in deformable.contact.law.members)
     counted_pressure = max(counted_pressure, 2.0 * at_start)
     effects = _with_gravity(effects, deformable.gravity)
-    system = deformable.in_sector(_orbits(deformable, symmetry, motion))
+    system = _sector(deformable, symmetry, motion)
     blocks = _representatives(system)
-    rubs = system.meets and system.contact.friction is not None
-    stick = _stick(system, counted_pressure) if rubs else 1.0
-    if system.contact.finite_sliding:
+    rubs = deformable.meets and deformable.contact.friction is not None
+    stick = _stick(deformable, counted_pressure) if rubs else 1.0
+    if deformable.contact.finite_sliding:
         system = _at_start(system)
     times, ramp, end = _times(system, effects, ramp_time, end_time)
     moved = _end_of_motion(deformable)
@@ -156,14 +156,14 @@ def check_timed(
         )
 
 
-def _orbits(
+def _sector(
     deformable: System,
     symmetry: Literal["auto", "none", "sector"],
     motion: Motion | None,
-) -> Orbits:
+) -> Sector:
     """Blocks that shape, loads, supports and motion at the start make equal."""
     if symmetry == "none" or not deformable.meets:
-        return deformable.orbits
+        return deformable.computed
     moving = [] if motion is None else [motion.velocity, motion.angular_velocity]
     if any(np.abs(np.cross(deformable.assembly.axis, way)).max() > 0.0 for way in moving):
         if symmetry == "sector":
@@ -171,12 +171,11 @@ def _orbits(
                 'symmetry: got "sector", but blocks move across the axis at the start; expected '
                 '"auto" or "none"'
             )
-        return deformable.orbits
+        return deformable.computed
     if symmetry == "sector":
         require_sector(deformable)
-    orbits = largest_cyclic_orbits(deformable)
     half = symmetry == "auto" and motion is None and not deformable.contact.finite_sliding
-    return with_half_turn(deformable, orbits) if half else orbits
+    return largest_sector(deformable, half_turn=half)
 
 
 def _end_of_motion(deformable: System) -> float:
@@ -187,10 +186,10 @@ def _end_of_motion(deformable: System) -> float:
 
 
 def _times(
-    system: System, effects: Effects, ramp_time: float | None, end_time: float | None
+    system: Sector, effects: Effects, ramp_time: float | None, end_time: float | None
 ) -> tuple[RecommendedTimes | None, float, float]:
     """Times that are recommended, where any are; ramp and end of the run [s]."""
-    deformable, points = system, system.points
+    deformable, points = system.whole, system.points
     if not deformable.meets:
         assert end_time is not None
         return None, 0.5 * end_time if ramp_time is None else ramp_time, end_time
@@ -204,25 +203,25 @@ def _times(
     return times, ramp, ramp + times.end_time - times.ramp_time if end_time is None else end_time
 
 
-def _apart(system: System) -> bool:
+def _apart(system: Sector) -> bool:
     """Whether two blocks that face each other are apart before any load acts.
 
     A clearance, a spacing or the placement of the blocks makes the gap. With a search, a free block
     that faces nothing is apart as well.
     """
-    points = system.points
+    points, whole = system.points, system.whole
     sides = np.stack([points.block_m, points.block_s], axis=1)
-    if system.contact.finite_sliding:
-        shapes = system.assembly.shapes
+    if whole.contact.finite_sliding:
+        shapes = whole.assembly.shapes
         can_touch = np.array([len(shape.contact_quads) > 0 for shape in shapes])
-        moving = system.blocks[can_touch[system.assembly.shape_of[system.blocks]]]
+        moving = system.blocks[can_touch[whole.assembly.shape_of[system.blocks]]]
         if not np.isin(system.slot_of[moving], system.slot_of[sides]).all():
             return True
     closed = points.overclosures(np.zeros((*points.rows.shape, 3)))
     _, joint = np.unique(np.sort(sides, axis=1), axis=0, return_inverse=True)
     smallest = np.full(joint.max(initial=-1) + 1, np.inf)
     np.minimum.at(smallest, joint.ravel(), -closed.max(axis=1))
-    return bool((smallest > _APART * system.assembly.characteristic_length).any())
+    return bool((smallest > _APART * whole.assembly.characteristic_length).any())
 
 
 def _with_gravity(effects: Effects | None, gravity: FloatArray | None) -> Effects:
@@ -238,15 +237,15 @@ def _with_gravity(effects: Effects | None, gravity: FloatArray | None) -> Effect
     return replace(effects, gravity=gravity)
 
 
-def _in_time(system: System, ramp: float) -> System:
-    """System whose loads grow in a smooth step [s], and supports where no table says when."""
+def _in_time(system: Sector, ramp: float) -> Sector:
+    """Blocks whose loads grow in a smooth step [s], and supports where no table says when."""
     if ramp <= 0.0:
         return system
-    amplitude = SmoothStepAmplitude(ramp)
-    tables = (amplitude if of is ALL_THE_WAY else of for of in system.supports.tables)
-    supports = replace(system.supports, tables=tuple(tables))
-    forces = tuple(replace(load, amplitude=amplitude) for load in system.forces)
-    return replace(system, supports=supports, forces=forces)
+    whole, amplitude = system.whole, SmoothStepAmplitude(ramp)
+    tables = (amplitude if of is ALL_THE_WAY else of for of in whole.supports.tables)
+    supports = replace(whole.supports, tables=tuple(tables))
+    forces = tuple(replace(load, amplitude=amplitude) for load in whole.forces)
+    return replace(system, whole=replace(whole, supports=supports, forces=forces))
 
 
 def _growing(effects: Effects, ramp: float, *, rubs: bool) -> Effects:
@@ -279,19 +278,19 @@ def _stick(system: System, counted_pressure: float) -> float:
     return stick
 
 
-def _at_start(system: System) -> System:
-    """System with the points of a search before any displacement."""
+def _at_start(system: Sector) -> Sector:
+    """The same with the points of a search before any displacement."""
     points = facing_points(system, slight=SLIGHT)
-    return system.on(points_of_search(points, system.surfaces.clearance))
+    return system.on(points_of_search(points, system.whole.surfaces.clearance))
 
 
-def _representatives(system: System) -> tuple[IntArray, ...]:
+def _representatives(system: Sector) -> tuple[IntArray, ...]:
     """Representative blocks of each group in the order of their copies.
 
     Blocks at the same place in every second layer follow each other: then so do the blocks
     they touch, and contact finds both in neighbouring lanes.
     """
-    assembly, representative = system.assembly, system.orbits.representative
+    assembly, representative = system.whole.assembly, system.orbits.representative
     n = assembly.n_blocks
     by_layer = np.lexsort((np.arange(n), assembly.layer))
     place = np.empty(n, dtype=np.int64)
@@ -300,5 +299,5 @@ def _representatives(system: System) -> tuple[IntArray, ...]:
     )
     order = np.lexsort((assembly.layer, place, assembly.layer % 2))
     stands = order[representative[order] == order]
-    groups = system.group_of[stands]
-    return tuple(stands[groups == g] for g in range(len(system.bodies)))
+    groups = system.whole.group_of[stands]
+    return tuple(stands[groups == g] for g in range(len(system.whole.bodies)))

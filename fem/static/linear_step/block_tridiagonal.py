@@ -23,7 +23,7 @@ import scipy.linalg
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import dijkstra
 
-from fem.system.system import System
+from fem.system.system import Sector
 from geometry.machine.work import count_elimination
 from geometry.mesh import BoolArray, FloatArray, IntArray
 
@@ -296,7 +296,7 @@ class Rows(NamedTuple):
 class Chain:
     """Blocks in levels: contacts lie within a level, or between neighbouring ones."""
 
-    def __init__(self, system: System) -> None:
+    def __init__(self, system: Sector) -> None:
         self.level_of = levels_of(system)
         #: Slots of each level, and of both blocks of each facet, (2, n_facets); -1: rigid.
         self.members = [
@@ -407,7 +407,7 @@ def _add(matrix: FloatArray, rows: IntArray, columns: IntArray, more: FloatArray
         matrix[np.ix_(rows, columns)] += more
 
 
-def levels_of(system: System) -> IntArray:
+def levels_of(system: Sector) -> IntArray:
     """Level of each slot: contacts lie within a level or between neighbouring ones.
 
     The layers of the assembly where they are such levels, else distances from an end of the
@@ -419,7 +419,7 @@ def levels_of(system: System) -> IntArray:
     s = system.slot_of[surfaces.block_s[first]]
     both = (m >= 0) & (s >= 0)
     m, s = m[both], s[both]
-    layer = system.assembly.layer[system.blocks]
+    layer = system.whole.assembly.layer[system.blocks]
     layer = np.unique(layer, return_inverse=True)[1]
     if not len(m) or np.abs(layer[m] - layer[s]).max() <= 1:
         return np.asarray(layer, dtype=np.int64)

@@ -51,7 +51,7 @@ from fem.static.linear_step.flexibility import (
 from fem.static.linear_step.linearisation import Linearisation, RetainedNodes, UnheldBlocksError
 from fem.static.linear_step.pairs import NodePairs
 from fem.static.linear_step.row_laws import Bound, PairLaw, PointLaw, point_law
-from fem.system.system import NodalInverse, System, at_share
+from fem.system.system import NodalInverse, Sector, at_share
 from geometry.machine.work import Operation, count, hold_memory, require_memory
 from geometry.mesh import FloatArray, IntArray
 
@@ -70,7 +70,7 @@ class CondensedStep(RetainedNodes):
     """Solves the linear problem in contact forces, with one flexibility per kind of block."""
 
     def __init__(
-        self, system: System, store: FlexibilityStore | None = None, *, friction: bool = False
+        self, system: Sector, store: FlexibilityStore | None = None, *, friction: bool = False
     ) -> None:
         self._system = system
         self._chain = Chain(system)
@@ -151,7 +151,7 @@ class CondensedStep(RetainedNodes):
         """
         system = self._system
         if isinstance(system.points, SearchedPoints):
-            shape = system.assembly.shape(int(system.blocks[slots[0]]))
+            shape = system.whole.assembly.shape(int(system.blocks[slots[0]]))
             met = [system.body(slots[0]).mesh.facet_nodes(shape.contact_quads).ravel()]
         else:
             touched = np.unique(system.points.rows)

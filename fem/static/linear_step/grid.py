@@ -42,7 +42,7 @@ from fem.static.linear_step.linearisation import (
     UnheldBlocksError,
 )
 from fem.static.turning import Turned, TurningNormals
-from fem.system.system import NodalInverse, System
+from fem.system.system import NodalInverse, Sector, System
 from geometry.mesh import BoolArray, FloatArray, IntArray
 
 #: Contact is soft below this share of the stiffness of a block, Young's modulus over its size, …
@@ -118,10 +118,10 @@ class GridStep(LinearStep):
     """
 
     def __init__(
-        self, system: System, grids: tuple[GridBlock, ...], start: FloatArray | None = None
+        self, system: Sector, grids: tuple[GridBlock, ...], start: FloatArray | None = None
     ) -> None:
         super().__init__(system)
-        self._grids = [grids[int(system.group_of[block])] for block in system.blocks]
+        self._grids = [grids[int(system.whole.group_of[block])] for block in system.blocks]
         self._place_points()
         self._softest, asked = 0.0, np.ones(self._n, dtype=np.bool_)
         if start is not None:
@@ -272,7 +272,7 @@ class GridStep(LinearStep):
 
     def _presses(self, slope: FloatArray) -> BoolArray:
         """Points that are not open, by the slopes of their pressures, (n,)."""
-        law = self._system.contact.law
+        law = self._system.whole.contact.law
         result: BoolArray = slope > _LEAST_STIFFNESS * law.touching_stiffness
         return result
 

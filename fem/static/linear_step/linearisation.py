@@ -20,7 +20,7 @@ from scipy.sparse import block_diag, bsr_array, csc_array, csr_array, csr_matrix
 from scipy.sparse.linalg import SuperLU, splu
 
 from fem.static.linear_step.condensation import CondensedBlock
-from fem.system.system import NodalInverse, System, at_share
+from fem.system.system import NodalInverse, Sector, at_share
 from geometry.errors import RefusedError
 from geometry.machine.work import Operation, count, hold_memory, memory_limit, require_memory
 from geometry.mesh import FloatArray, IntArray
@@ -238,7 +238,7 @@ def coarsened(linear: Linearisation) -> Linearisation:
 class LinearStep(ABC):
     """Solves the linear problem of one iteration, in the displacements of all nodes."""
 
-    def __init__(self, system: System) -> None:
+    def __init__(self, system: Sector) -> None:
         self._system = system
 
     @abstractmethod
@@ -285,7 +285,7 @@ class LinearStep(ABC):
 class RetainedNodes(LinearStep):
     """A step in the displacements of some nodes; those inside of blocks follow from them."""
 
-    def __init__(self, system: System, blocks: Sequence[CondensedBlock]) -> None:
+    def __init__(self, system: Sector, blocks: Sequence[CondensedBlock]) -> None:
         """Take the condensed block of each slot."""
         self._system, self._blocks = system, blocks
         self._dofs = [
@@ -331,7 +331,7 @@ class RetainedNodes(LinearStep):
 class SparseStep(LinearStep):
     """Assembles everything into one sparse matrix: the plain method, the oracle of the others."""
 
-    def __init__(self, system: System, solver: SparseSolver | None = None) -> None:
+    def __init__(self, system: Sector, solver: SparseSolver | None = None) -> None:
         self._system, self._solver = system, solver
         self._transform, self._free = system.held.transform(system.n_nodes)
         self._stiffness, self._springs = (

@@ -21,14 +21,14 @@ from scipy.sparse import coo_array, csr_array
 
 from fem.static.linear_step.linearisation import Linearisation
 from fem.static.linear_step.row_laws import PairLaw
-from fem.system.system import System
+from fem.system.system import Sector
 from geometry.mesh import FloatArray, IntArray
 
 
 class NodePairs:
     """Pairs of nodes of the matched facets of a system."""
 
-    def __init__(self, system: System) -> None:
+    def __init__(self, system: Sector) -> None:
         surfaces = self._points = system.points
         first, second = np.split(surfaces.rows, 2, axis=1)
         joint = np.repeat(np.arange(len(surfaces.pair_start) - 1), np.diff(surfaces.pair_start))

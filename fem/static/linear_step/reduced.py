@@ -13,7 +13,7 @@ from fem.static.linear_step.condensation import CondensedBlock
 from fem.static.linear_step.flexibility import FlexibilityStore
 from fem.static.linear_step.linearisation import RetainedNodes, SparseSolver, SparseStep
 from fem.system.body import Body
-from fem.system.system import System
+from fem.system.system import Sector
 from geometry.mesh import FloatArray, IntArray
 
 
@@ -21,7 +21,7 @@ class ReducedStep(RetainedNodes, SparseStep):
     """Assembles condensed blocks into one sparse matrix."""
 
     def __init__(
-        self, system: System, store: FlexibilityStore, solver: SparseSolver | None = None
+        self, system: Sector, store: FlexibilityStore, solver: SparseSolver | None = None
     ) -> None:
         RetainedNodes.__init__(self, system, _condensed(system, store))
         SparseStep.__init__(self, system, solver)
@@ -40,7 +40,7 @@ class ReducedStep(RetainedNodes, SparseStep):
         return joined([block.stiffness for block in self._blocks]), springs
 
 
-def is_smaller(system: System) -> bool:
+def is_smaller(system: Sector) -> bool:
     """Whether blocks condensed on what is touched have fewer entries than those of all nodes."""
     entries = sum(
         slots * ((3.0 * len(nodes)) ** 2 - group.stiffness.nnz)
@@ -49,7 +49,7 @@ def is_smaller(system: System) -> bool:
     return entries < 0.0
 
 
-def _touched(system: System) -> list[tuple[Body, IntArray, int]]:
+def _touched(system: Sector) -> list[tuple[Body, IntArray, int]]:
     """Groups, nodes of points and supports of any of their blocks, and number of these."""
     touched = np.unique(np.append(system.points.rows, system.held.nodes))
     ends = np.searchsorted(touched, system.node_start)
@@ -64,7 +64,7 @@ def _touched(system: System) -> list[tuple[Body, IntArray, int]]:
     ]
 
 
-def _condensed(system: System, store: FlexibilityStore) -> list[CondensedBlock]:
+def _condensed(system: Sector, store: FlexibilityStore) -> list[CondensedBlock]:
     """Blocks of all slots on the nodes of points and supports of any congruent one."""
     done = {id(group): store.condensed(group, nodes) for group, nodes, _ in _touched(system)}
     return [done[id(system.body(slot))] for slot in range(system.n_slots)]
