@@ -39,7 +39,7 @@ WITHOUT = {
 }
 #: Deformable blocks of these, on which nothing acts, are given a push.
 UNLOADED = {"cubes", "octahedra"}
-PUSH = {"load.forces": [{"block": 0, "force": [0.0, 0.0, -10.0]}]}
+PUSH = {"loads": [{"blocks": [18], "force": [0.0, 0.0, -10.0]}]}
 #: Scenes of more than 3 CPU s.
 EXPENSIVE = {
     "rigid": {"pushed-panel"},

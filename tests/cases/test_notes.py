@@ -36,7 +36,7 @@ def printed(word: str, scene: str, *settings: str) -> str:
         (
             "mbd",
             "wall",
-            ("load.forces=[{block = 8, force = [0.0, 0.0, -200.0]}]",),
+            ("loads=[{blocks = [8], force = [0.0, 0.0, -200.0]}]",),
             "force (0, 0, -200) N on block 8",
         ),
     ],

@@ -160,7 +160,7 @@ def test_bad_own_blocks_are_refused_with_one_line(tmp_path: Path) -> None:
     _save(tmp_path / "tetra.stl", shape)
     assert "assembly.fixed: got block 99" in _refusal(scene, ["assembly.fixed=[99]"])
     assert "unknown key" in _refusal(scene, ["block.unit='mm'"])
-    bad = ["load.forces=[{block=99, force=[1.0, 0.0, 0.0]}]"]
+    bad = ["loads=[{blocks=[99], force=[1.0, 0.0, 0.0]}]"]
     assert "numbered 0 to" in _refusal(scene, bad)
 
 
@@ -332,7 +332,7 @@ def test_weight_holds_faces_together(tmp_path: Path, lift: float, carried: bool)
     lines += ["poisson_ratio = 0.2", "density = 2.4e-9", "[contact]", 'law = "linear"']
     lines += ["stiffness = 1000.0", "[fem]", 'method = "static"', "[effects]"]
     lines += ["gravity = [0.0, 0.0, -9810.0]"]
-    lines += ["[[load.forces]]", "block = 1", f"force = [0.0, 0.0, {lift}]"]
+    lines += ["[[loads]]", "blocks = [1]", f"force = [0.0, 0.0, {lift}]"]
     for height, fixed in ((0.0, "true"), (56.6, "false")):
         lines += ["[[parts]]", 'file = "brick.stl"', f"fixed = {fixed}"]
         lines += ["[[parts.places]]", f"at = [0.0, 0.0, {height}]"]

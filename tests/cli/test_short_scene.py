@@ -143,7 +143,7 @@ def test_a_density_that_is_left_out_is_named_where_blocks_weigh(tubelock) -> Non
         '[block]\ntype = "wall"\nsize = [240.0, 115.0, 71.0]\n[assembly]\ncolumns = 2\nrows = 2\n'
     )
     Path("heavy.toml").write_text(f"{wall}[effects]\ngravity = [0.0, 0.0, -9810.0]\n")
-    Path("light.toml").write_text(f"{wall}[[load.forces]]\nblock = 3\nforce = [0.0, 0.0, -1.0]\n")
+    Path("light.toml").write_text(f"{wall}[[loads]]\nblocks = [3]\nforce = [0.0, 0.0, -1.0]\n")
     heavy = tubelock("mbd", "heavy.toml", "--json", "a.json")[1]
     assert re.search("material concrete .*2.4e-09 t/mm³", defaults(heavy))
     assert "density" not in tubelock("mbd", "light.toml", "--json", "a.json")[1]

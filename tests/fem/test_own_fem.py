@@ -181,7 +181,7 @@ def test_joint_forces_that_leave_friction_out_are_named_so(tmp_path: Path, frict
     places = "[{at = [0, 0, 0], fixed = true}, {at = [0, 0, 50]}]"
     load = "[effects]\ngravity = [0, 0, -9810]\n"
     if friction:
-        load += "[[load.forces]]\nblock = 1\nforce = [2.0, 0.0, 0.0]\n"
+        load += "[[loads]]\nblocks = [1]\nforce = [2.0, 0.0, 0.0]\n"
         load += "[effects.friction]\ncoefficient = 0.5\n"
     parts = f'[[parts]]\nfile = "brick.inp"\nplaces = {places}\n'
     case = own_scene(tmp_path, parts, load=load)

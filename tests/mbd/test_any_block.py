@@ -468,11 +468,11 @@ def test_what_weighs_on_a_floor_in_a_corner_is_held_against_what_it_leans_on() -
 
 def test_loads_of_body_scenes_are_weights_and_pushes(tmp_path: Path) -> None:
     """The push acts 2 mm above the centroid: M_y = 2 · 3. Fixed blocks are ground: no weight."""
-    force = {"block": 5, "force": [3.0, 0.0, 0.0]}
-    case = load_case("wall", {"load.acceleration": [0, 0, 0], "load.forces": [force]})
+    force = {"blocks": [5], "force": [3.0, 0.0, 0.0]}
+    case = load_case("wall", {"load.acceleration": [0, 0, 0], "loads": [force]})
     result = solve(case.with_method("rigid")).details
     at = result.blocks.centroids[5] + [0.0, 0.0, 2.0]
-    raised = case.changed({"load.forces": [force | {"point": at.tolist()}]})
+    raised = case.changed({"loads": [force | {"point": at.tolist()}]})
     other = solve(raised.with_method("rigid")).details
     loads, pushed = (r.load.wrenches for r in (result, other))
     weight = 1.9e-9 * 9810 * result.blocks.volumes

@@ -43,7 +43,7 @@ def flat_arch(folder: Path) -> Path:
     feet = np.array([-250.0, -150.0, -50.0, 50.0, 150.0, 250.0])
     tops = feet + np.array([0.0, -outer, -inner, inner, outer, 0.0])
     lines = ["[block]", 'type = "mesh"', "[effects]", "gravity = [0, 0, -9810]"]
-    lines += [f"friction = {FRICTION}", "[[load.forces]]", "block = 1", "force = [0, 0, 1000]"]
+    lines += [f"friction = {FRICTION}", "[[loads]]", "blocks = [1]", "force = [0, 0, 1000]"]
     lines += ["[rigid]", "collapse = true", "sliding = true"]
     for k in range(5):
         shape = wedge((feet[k], feet[k + 1]), (tops[k], tops[k + 1]))

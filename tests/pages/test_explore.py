@@ -94,9 +94,9 @@ def test_values_of_the_page_make_the_scene_that_set_makes() -> None:
         load_case("wall"), controls(load_case("wall")), {"block.size.1": 120}, coarse=True
     )
     assert parts.scene.block.size == (240.0, 120.0, 71.0)
-    pushed = load_case("wall", ["load.forces=[{block = 3, force = [0.0, 0.0, -200.0]}]"])
-    more = changed(pushed, controls(pushed), {"load.forces.0.force.2": -350.0}, coarse=True)
-    assert more.scene.load.forces[0].force == (0.0, 0.0, -350.0)
+    pushed = load_case("wall", ["loads=[{blocks = [3], force = [0.0, 0.0, -200.0]}]"])
+    more = changed(pushed, controls(pushed), {"loads.0.force.2": -350.0}, coarse=True)
+    assert more.scene.loads[0].force == (0.0, 0.0, -350.0)
 
 
 @pytest.mark.quick

@@ -20,7 +20,7 @@ from geometry.files.readers import left_out
 from geometry.loads import LoadCase
 from geometry.mesh import BoolArray, FloatArray
 from geometry.parts.block_selection import numbers_of
-from geometry.parts.placed import AnyBlocks, AssemblyError
+from geometry.parts.placed import AssemblyError
 from geometry.polyhedra.assembly import PolyhedralAssembly, polyhedral_assembly
 from geometry.polyhedra.options import DetectionOptions
 from geometry.polyhedra.overlap import check_assembly
@@ -173,23 +173,6 @@ def file_blocks(scene: MeshScene) -> FileBlocks:
     return FileBlocks(placed, of_blocks, parts_left_out(scene), section.units, options)
 
 
-def build_live_load(scene: PolyhedralScene, assembly: AnyBlocks) -> FloatArray:
-    """Accelerations and point forces about each block's centroid, (n_blocks, 6) [N, N mm]."""
-    live = body_forces(scene, assembly, scene.load.acceleration)
-    for push in scene.load.forces:
-        if push.block >= assembly.n_blocks:
-            raise InputError(
-                f"load.forces.block: got {push.block}, but blocks are numbered 0 to "
-                f"{assembly.n_blocks - 1}"
-            )
-        force = np.array(push.force)
-        live[push.block, :3] += force
-        if push.point is not None:
-            arm = np.array(push.point) - assembly.centroids[push.block]
-            live[push.block, 3:] += np.cross(arm, force)
-    return live
-
-
 def build_own_blocks(scene: PolyhedralScene, name: str) -> LoadCase:
     """Build the load on solids of a family or from files, with hexahedra."""
     if scene.contact.spacing > 0.0:
@@ -219,7 +202,7 @@ def own_load(scene: PolyhedralScene, assembly: Assembly) -> LoadCase:
         # Blocks of curved elements weigh what is within their curved faces.
         shapes = tuple(with_degree(shape, scene.fem.degree) for shape in assembly.shapes)
         bodies = replace(assembly, shapes=shapes)
-    live = build_live_load(scene, bodies)
+    live = body_forces(scene, bodies, scene.load.acceleration)
     wrenches = live if live.any() else None
     load = LoadCase(assembly, "variable load", (), assembly.fixed, body_wrenches=wrenches)
     return stated_load(scene, assembly, load)

@@ -24,7 +24,12 @@ from geometry.parts.block_selection import chosen_blocks
 from geometry.parts.measures import Planes, SectionError, planes
 from geometry.parts.placed import AnyBlocks
 from geometry.parts.rows import Notes, Part, Row, grouped
-from validation.build.materials import build_materials, friction_of_pairs, laws_of_pairs
+from validation.build.materials import (
+    body_forces,
+    build_materials,
+    friction_of_pairs,
+    laws_of_pairs,
+)
 from validation.errors import InputError, named
 from validation.scene.deformable import (
     FemSection,
@@ -169,10 +174,10 @@ def rigid_problem(scene: DeformableScene, name: str, known: Assembly | None = No
     """
     with named(name):
         if isinstance(scene, PolyhedralScene):
-            from validation.build.polyhedra import build_live_load, build_polyhedra
+            from validation.build.polyhedra import build_polyhedra
 
             solids = build_polyhedra(scene)
-            live = build_live_load(scene, solids)
+            live = body_forces(scene, solids, scene.load.acceleration)
             load = LoadCase(solids, "variable load", (), solids.fixed, body_wrenches=live)
             return _stated(scene, _with_supports(scene, solids, load), rigid=True)
         if not scene.meets:

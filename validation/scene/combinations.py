@@ -71,14 +71,8 @@ def combined(scene: AnyScene, name: str) -> AnyScene:
 
 def _scaled(section: Section, factor: float) -> Section:
     """Load with all its sizes times a factor."""
-    changes: dict[str, Any] = {
-        key: _times(factor, value)
-        for key in _SCALED
-        if (value := section.__dict__.get(key)) is not None
-    }
-    forces = section.__dict__.get("forces")
-    if forces:
-        changes["forces"] = tuple(_scaled(force, factor) for force in forces)
+    given = {key: section.__dict__.get(key) for key in _SCALED}
+    changes = {key: _times(factor, value) for key, value in given.items() if value is not None}
     return section.changed(changes)
 
 

@@ -64,6 +64,9 @@ if TYPE_CHECKING:
     from geometry.assembly import Assembly
 
 
+#: Loads that words on the load of a scene name.
+_MOST_LOADS = 3
+
 #: Materials that a scene can name.
 MATERIALS: Mapping[str, Mapping[str, float]] = {
     "concrete": {"density": 2.4e-9, "young_modulus": 33000.0, "poisson_ratio": 0.2},
@@ -494,7 +497,9 @@ class DeformableSections(Section):
             parts = [load.words]
         if weight is not None:
             parts.append(f"weight {vector_words(weight)} mm/s²")
-        parts += [one.words for one in self.loads]
+        parts += [one.words for one in self.loads[:_MOST_LOADS]]
+        if len(self.loads) > _MOST_LOADS:
+            parts.append(f"{len(self.loads) - _MOST_LOADS} more loads")
         parts += filter(None, (one.moved_words for one in self.supports))
         return " + ".join(filter(None, parts)) or "no load"
 

@@ -14,28 +14,13 @@ from validation.scene.supports import PushSection
 
 #: Of blocks whose file has nodes between corners, in answers that have no use for them.
 STRAIGHT_EDGES = "straight between corners; the file's other nodes count with fem.degree = 2"
-#: Forces on single blocks that words of a load name.
-_MOST_FORCES = 3
-
-
-class PointForceSection(Section):
-    """``[[load.forces]]``: a force on one block."""
-
-    block: Annotated[int, Field(ge=0)]
-    """Block number, counted from 0 in the order of the scene."""
-    force: Vector
-    """[N]"""
-    point: Vector | None = None
-    """Point of application in world coordinates [mm]; by default the centre of mass."""
 
 
 class BodyLoadSection(Section):
-    """``[load]`` of free-form assemblies: the variable load; the weight is `effects.gravity`."""
+    """``[load]`` of free-form assemblies: with ``[[loads]]`` the variable load."""
 
     acceleration: Annotated[Vector | None, ACCELERATION] = None
     """Acceleration of every block, which `rigid.collapse` lets grow [mm/s²]."""
-    forces: tuple[PointForceSection, ...] = ()
-    """Forces on single blocks, which `rigid.collapse` lets grow."""
     push: PushSection | None = None
     """A block that is pushed by displacement, after all other loads."""
 
@@ -45,10 +30,6 @@ class BodyLoadSection(Section):
         parts = []
         if self.acceleration is not None:
             parts.append(f"acceleration {vector_words(self.acceleration)} mm/s²")
-        named = self.forces[:_MOST_FORCES]
-        parts += [f"force {vector_words(f.force)} N on block {f.block}" for f in named]
-        if len(self.forces) > len(named):
-            parts.append(f"{len(self.forces) - len(named)} more forces on single blocks")
         if self.push is not None:
             parts.append(self.push.words)
         return " + ".join(parts)

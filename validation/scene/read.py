@@ -85,7 +85,7 @@ def apply_overrides(data: Mapping[str, Any], overrides: Iterable[str]) -> dict[s
         path, equals, text = override.partition("=")
         keys = [key.strip().strip("'\"") for key in path.split(".")]
         value = _value(text.strip())
-        whole_section = len(keys) == 1 and isinstance(value, dict)
+        whole_section = len(keys) == 1 and isinstance(value, dict | list)
         if not equals or not all(keys) or (len(keys) < 2 and not whole_section):
             raise InputError(
                 f"--set {override}: expected section.key=value, e.g. --set assembly.layers=4"

@@ -172,6 +172,7 @@ class SurfaceLoadSection(RegionSection):
             size = f"traction {vector_words(self.traction)} MPa"
         elif self.force is not None:
             size = f"force {vector_words(self.force)} N"
+            size += "" if self.regions or self.blocks is None else f" on block {self.blocks[0]}"
         else:
             assert self.per_length is not None
             size = f"line load {vector_words(self.per_length)} N/mm"
