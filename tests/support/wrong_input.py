@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import typing
 from collections.abc import Iterator
+from functools import cache
 
 import pydantic
 
@@ -19,6 +20,7 @@ def keys(model: type[pydantic.BaseModel], start: tuple[str, ...] = ()) -> Iterat
                 yield from keys(part, (*start, name))
 
 
+@cache
 def kind_of(name: str) -> type[pydantic.BaseModel]:
     return type(load_case(name).scene)
 

@@ -191,7 +191,7 @@ def implausible(scene: BaseModel, accept: tuple[str, ...]) -> str | None:
 
     Its types are checked; ``accept`` are keys of values that are meant.
     """
-    table = dict(ranges(type(scene)))
+    table = ranges(type(scene))
     known = list(dict.fromkeys([*table, _SOUND, _BLOCK_SIZE]))
     for key in accept:
         if key not in known:

@@ -6,7 +6,6 @@ import ast
 import inspect
 import itertools
 import textwrap
-from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -110,10 +109,13 @@ def leaves(annotation: Any) -> set[Any]:
     return set().union(*(leaves(part) for part in inner)) if inner else {annotation}
 
 
-def ranges(section: type[BaseModel], place: str = "") -> Iterator[tuple[str, Range]]:
-    """Keys of a section that have a range; numbers in lists are judged one by one."""
+@cache
+def ranges(section: type[BaseModel]) -> dict[str, Range]:
+    """Ranges of the keys of a section that have one; numbers in lists are judged one by one."""
+    found: dict[str, Range] = {}
     for name, field in section.model_fields.items():
-        yield from ((place + name, kind) for kind in field.metadata if isinstance(kind, Range))
+        found.update((name, kind) for kind in field.metadata if isinstance(kind, Range))
         for part in leaves(field.annotation):
             if isinstance(part, type) and issubclass(part, BaseModel):
-                yield from ranges(part, f"{place}{name}.")
+                found |= {f"{name}.{key}": kind for key, kind in ranges(part).items()}
+    return found
