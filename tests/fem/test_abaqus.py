@@ -178,6 +178,7 @@ DECKS: dict[str, Callable[[Assembly], Deck]] = {
     "spacing": lambda tube: tube_deck(tube, spacing=0.03),
     "pairs, clearance": lambda tube: tube_deck(tube, **PAIRS, clearance=0.02, spacing=0.03),
     "elastic frame": lambda tube: tube_deck(tube, frames=Frames.DEFORMABLE),
+    "sliding": lambda tube: tube_deck(tube, **PAIRS, finite_sliding=True),
     "boxes": lambda _: box_deck(),
     "static boxes": lambda _: box_deck(
         flavour=Flavour.STANDARD, gravity=None, element=ElementType.B_BAR
@@ -353,39 +354,6 @@ def test_nodal_forces_of_the_deck_have_the_resultant_of_the_scene(tube, as_print
         assert np.abs(force[deck.labels[block]] - wanted).max() < 1e-9 * size
 
 
-def test_the_same_problem_gives_the_same_text() -> None:
-    texts = {
-        "\n".join(
-            text_of(tube_deck(canonical(SineTube(tsb(), SineBlockDivisions(12, 2, 2), 1).build())))
-        )
-        for _ in range(2)
-    }
-    assert len(texts) == 1
-
-
-def test_explicit_deck_says_the_physics(tube) -> None:
-    paper = replace(EXPLICIT, damping="paper")
-    cards = read_cards(text_of(tube_deck(tube, method=paper)))
-    found = {card.keyword: card for card in cards}
-    assert found["DAMPING"].parameters == {"ALPHA": "2.0", "BETA": "1.e-08"}
-    assert found["SURFACE BEHAVIOR"].parameters == {"PRESSURE-OVERCLOSURE": "EXPONENTIAL"}
-    assert found["SURFACE BEHAVIOR"].data == ["0.001, 0.0001"]
-    capped = tube_deck(tube, law=ExponentialLaw(1e-3, 1e-4, 1000.0))
-    cards = read_cards(text_of(capped))
-    assert next(c for c in cards if c.keyword == "SURFACE BEHAVIOR").data == [
-        "0.001, 0.0001, 1000.0"
-    ]
-    assert found["AMPLITUDE"].parameters["DEFINITION"] == "SMOOTH STEP"
-    assert found["BULK VISCOSITY"].data == ["0.06, 1.2"]
-    assert found["CONTACT INCLUSIONS"].parameters == {"ALL EXTERIOR": ""}
-    assert found["DYNAMIC"].parameters == {"EXPLICIT": "", "SCALE FACTOR": "0.9"}
-    assert "FRICTION" not in found
-    # Abaqus turns bulk viscosity on by itself: a scene without it says so.
-    off = {card.keyword: card for card in read_cards(text_of(tube_deck(tube)))}
-    assert off["BULK VISCOSITY"].data == ["0.0, 0.0"]
-    assert "DAMPING" not in off
-
-
 # ---------------------------------------------------------------------------------------------
 # Models of imported decks
 
@@ -441,14 +409,6 @@ def test_what_abaqus_has_no_words_for_is_refused_by_name(tube) -> None:
     moments = replace(case, body_wrenches=np.ones((tube.n_blocks, 6)))
     with pytest.raises(DeckError, match="moments"):
         problem_deck(Problem(tube, moments, CONCRETE), Flavour.GENERAL)
-
-
-def test_adaptive_damping_is_the_constant_damping_of_the_paper(tube) -> None:
-    """Programs have no other; the heading says so."""
-    deck = tube_deck(tube, method=Explicit(damping="static"))
-    assert deck.effects.rayleigh == RayleighDamping(2.0, 1e-8)
-    assert deck.effects.adaptive_mass_damping is None
-    assert any("adaptive damping is its own" in note for note in deck.notes)
 
 
 @pytest.mark.parametrize("spin", [0.0, 1e-3, 3.0])

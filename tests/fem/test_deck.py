@@ -5,6 +5,8 @@ from __future__ import annotations
 import json
 import re
 from collections import Counter
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -109,13 +111,6 @@ def test_sets_of_blocks_hold_each_element_once(tmp_path: Path) -> None:
     assert 2 * len(frame) == len(tube)  # two layers; an end ring on each side, half as high
 
 
-@pytest.mark.parametrize(("flavour", "count"), [("standard", 1), ("general", 0)])
-def test_static_decks_request_the_forces_of_contact_pairs(flavour, count, tmp_path: Path) -> None:
-    """General contact has no pairs whose resultants could be written."""
-    path = exported(tmp_path / "a.inp", "tsb1-pipe", COARSE, flavour=flavour)
-    assert path.read_text().splitlines().count("CFN, CFS") == count
-
-
 @pytest.mark.slow
 def test_a_deck_is_drawn_with_its_load(tubelock) -> None:
     tubelock("export", "tsb1-beam", *SMALL, "-o", "a.inp", "--flavour", "standard")
@@ -145,45 +140,6 @@ def test_twelve_layers_are_three_parts(tmp_path: Path) -> None:
     assert keywords["*Part"] == 3
 
 
-@pytest.mark.parametrize(
-    ("flavour", "keyword"), [(Flavour.GENERAL, "DSLOAD"), (Flavour.STANDARD, "CLOAD")]
-)
-def test_shaft_is_a_traction_for_abaqus_and_nodal_forces_for_converters(flavour, keyword) -> None:
-    deck = problem_deck(load_case("tsb1-shaft", COARSE).problem, flavour)
-    words = {card.keyword for card in read_cards(deck_lines(deck))}
-    assert words & {"DSLOAD", "CLOAD"} == {keyword}
-
-
-def test_static_scene_becomes_damped_dynamics_with_the_papers_damping(tmp_path: Path) -> None:
-    path = exported(tmp_path / "a.inp", "tsb1-pipe", COARSE, flavour="general")
-    cards = cards_of(path)
-    assert "EXPLICIT" in cards["DYNAMIC"].parameters
-    assert float(cards["DAMPING"].parameters["ALPHA"]) == 2.0
-    assert "BULK VISCOSITY" in cards
-    assert "approaches the static state" in said(path)
-    named = [*COARSE, "effects.rayleigh.mass_proportional=7.0"]
-    damping = cards_of(exported(path, "tsb1-pipe", named, flavour="general"))["DAMPING"]
-    assert float(damping.parameters["ALPHA"]) == 7.0
-    assert "BETA" not in damping.parameters
-
-
-EXPLICIT = [*COARSE, "fem.method=explicit", "fem.damping=paper", "fem.end_time=1.0"]
-
-
-def test_a_deck_follows_the_method_of_its_scene(tmp_path: Path) -> None:
-    """Static: a step of Abaqus/Standard without damping, which the scene does not name."""
-    path = tmp_path / "a.inp"
-    static = cards_of(exported(path, "tsb1-pipe", COARSE))
-    assert {"STATIC", "CONTACT PAIR"} <= static.keys()
-    assert not {"DYNAMIC", "DAMPING", "BULK VISCOSITY", "DLOAD"} & static.keys()
-    assert "Explicit" not in heading(path)
-    standard = cards_of(exported(path, "tsb1-pipe", EXPLICIT, flavour="standard"))
-    assert "STATIC" in standard
-    explicit = cards_of(exported(path, "tsb1-pipe", EXPLICIT))
-    assert "CONTACT PAIR" not in explicit
-    assert "EXPLICIT" in explicit["DYNAMIC"].parameters
-
-
 def test_general_contact_has_a_clearance_on_every_joint(tubelock) -> None:
     """One assignment for each pair of patches that contact pairs have."""
     where = ("--set", "contact.clearance=0.05", "-o", "a.inp", "--flavour")
@@ -203,46 +159,110 @@ def test_general_contact_has_a_clearance_on_every_joint(tubelock) -> None:
     assert assigned[0] == assigned[1] != set()
 
 
+@dataclass(frozen=True)
+class Said:
+    """What the deck of a tube says and does not say."""
+
+    settings: tuple[str, ...] = ()
+    flavour: str | None = None
+    cards: Mapping[str, Mapping[str, str | None] | str] = field(default_factory=dict)
+    """Some parameters of a keyword, None of one that is not there, or its first row of data."""
+    words: tuple[str, ...] = ()
+    """Words of the heading and lines."""
+    without: tuple[str, ...] = ()
+    """Keywords, words and lines that are not there."""
+    load: str = "pipe"
+
+
+EXPLICIT = ("fem.method=explicit", "fem.end_time=1.0", "fem.damping=paper")
+UNDAMPED = ("fem.method=explicit", "fem.end_time=1.0", "fem.damping=none", "fem.safety_factor=0.9")
+SECTIONS = ("contact.spacing=0.03", "effects.friction.coefficient=0.01", "fem.element=reduced")
+SECTIONS += ("effects.gravity=[0.0, 0.0, -9810.0]", "fem.frames=11")
+IN_TIME: dict[str, dict[str, str | None]] = {"DYNAMIC": {"EXPLICIT": ""}}
+PAPER: dict[str, dict[str, str | None]] = {"DAMPING": {"ALPHA": "2.0", "BETA": "1.e-08"}}
+#: A static scene names no damping.
+SAID = {
+    "static": Said(
+        cards={"STATIC": {}, "CONTACT PAIR": {}},
+        words=("CFN, CFS",),
+        without=("DYNAMIC", "DAMPING", "BULK VISCOSITY", "DLOAD", "Explicit"),
+    ),
+    "explicit, for a static program": Said(EXPLICIT, "standard", {"STATIC": {}}),
+    "static, for an explicit program": Said(
+        flavour="general",
+        cards=IN_TIME
+        | PAPER
+        | {"BULK VISCOSITY": "0.06, 1.2", "CONTACT INCLUSIONS": {"ALL EXTERIOR": ""}}
+        | {"SURFACE BEHAVIOR": {"PRESSURE-OVERCLOSURE": "EXPONENTIAL"}},
+        words=("approaches the static state",),
+        without=("FRICTION", "CONTACT PAIR", "CFN, CFS"),
+    ),
+    "damping of its own": Said(
+        ("effects.rayleigh.mass_proportional=7.0",),
+        "general",
+        {"DAMPING": {"ALPHA": "7.0", "BETA": None}},
+    ),
+    "explicit": Said(EXPLICIT, cards=IN_TIME | PAPER, without=("CONTACT PAIR",)),
+    "explicit without damping": Said(
+        UNDAMPED,
+        cards={"DYNAMIC": {"SCALE FACTOR": "0.9"}, "BULK VISCOSITY": "0.0, 0.0"}
+        | {"AMPLITUDE": {"DEFINITION": "SMOOTH STEP"}},
+        without=("DAMPING",),
+    ),
+    "adaptive damping": Said(
+        ("fem.method=explicit", "fem.damping=static"),
+        cards=PAPER,
+        words=("adaptive damping is its own",),
+    ),
+    "no cap": Said((), "general", {"SURFACE BEHAVIOR": "0.001, 0.0001"}),
+    "a cap": Said(
+        ("contact.maximum_stiffness=500",), "general", {"SURFACE BEHAVIOR": "0.001, 0.0001, 500.0"}
+    ),
+    "gaps": Said(("contact.spacing=0.05",), "calculix", words=("too many cutbacks",)),
+    "no gaps": Said((), "calculix", without=("too many cutbacks",)),
+    "sections": Said(
+        SECTIONS,
+        "general",
+        {"FRICTION": "0.01,", "ELEMENT": {"TYPE": "C3D8R"}}
+        | {"SECTION CONTROLS": {"HOURGLASS": "STIFFNESS"}}
+        | {"DLOAD": "FRAME, GRAV, -9810.0, 0.0, 0.0, 1.0"},
+        words=("spacing of the blocks: 0.03", "number interval=10"),
+    ),
+    "traction": Said((), "general", {"DSLOAD": {}}, without=("CLOAD",), load="shaft"),
+    "nodal forces": Said((), "standard", {"CLOAD": {}}, without=("DSLOAD",), load="shaft"),
+    "differences": Said(
+        flavour="calculix",
+        words=("table of 200 points", "NODE TO SURFACE", "sampled", "nodal forces", "flat:"),
+        load="shaft",
+    ),
+}
+
+
+@pytest.mark.parametrize("name", SAID)
+def test_a_deck_says_what_its_scene_says(name: str, tmp_path: Path) -> None:
+    row, path = SAID[name], tmp_path / "a.inp"
+    exported(path, f"tsb1-{row.load}", [*COARSE, *row.settings], flavour=row.flavour)
+    cards, text = cards_of(path), f"{said(path)}\n{path.read_text()}"
+    for word, expected in row.cards.items():
+        if isinstance(expected, str):
+            assert cards[word].data[0] == expected
+        else:
+            found = cards[word].parameters
+            assert {key: found.get(key) for key in expected} == expected
+    assert [word for word in row.words if word not in text] == []
+    assert [word for word in row.without if word in cards or word in text] == []
+    assert all(len(line) <= 132 for line in path.read_text().splitlines())
+
+
 @pytest.mark.parametrize(("end_time", "double"), [(0.01, False), (8.0, True)])
 def test_a_long_explicit_deck_recommends_double_precision(end_time, double, tmp_path: Path) -> None:
     """Abaqus does from 300 000 increments on; these have 2 800 and 2.2 million."""
-    settings = [*EXPLICIT, f"fem.end_time={end_time}"]
+    settings = [*COARSE, *EXPLICIT, f"fem.end_time={end_time}"]
     deck = problem_deck(load_case("tsb1-pipe", settings).problem, Flavour.GENERAL)
     expected = end_time / (SAFETY_FACTOR * deck.element_time_step())
     notes = said(exported(tmp_path / "a.inp", "tsb1-pipe", settings))
     assert f"step: {expected:.2g} increments of" in notes
     assert ("double=both" in notes) is double
-
-
-def test_gaps_that_calculix_cannot_close_are_named(tmp_path: Path) -> None:
-    for setting, named in (("contact.spacing=0.05", True), ("contact.spacing=0.0", False)):
-        settings = [*COARSE, setting]
-        path = exported(tmp_path / "a.inp", "tsb1-pipe", settings, flavour="calculix")
-        assert ("too many cutbacks" in said(path)) is named
-
-
-def test_scene_sections_reach_the_deck(tubelock) -> None:
-    settings = ["contact.spacing=0.03", "effects.friction.coefficient=0.01"]
-    settings += ["fem.element=reduced", "effects.gravity=[0.0, 0.0, -9810.0]", "fem.frames=11"]
-    words = [word for setting in settings for word in ("--set", setting)]
-    status, _, _ = tubelock(
-        "export",
-        "tsb1-pipe",
-        *SMALL,
-        *words,
-        "-o",
-        "a.inp",
-        "--flavour",
-        "general",
-    )
-    assert status == 0
-    cards = {c.keyword: c for c in read_cards(Path("a.inp").read_text().splitlines())}
-    assert cards["FRICTION"].data == ["0.01,"]
-    assert cards["ELEMENT"].parameters["TYPE"] == "C3D8R"
-    assert cards["SECTION CONTROLS"].parameters["HOURGLASS"] == "STIFFNESS"
-    assert cards["DLOAD"].data[0] == "FRAME, GRAV, -9810.0, 0.0, 0.0, 1.0"
-    assert "number interval=10" in Path("a.inp").read_text()
-    assert "spacing of the blocks: 0.03" in heading("a.inp")
 
 
 def test_elastic_frame_is_held_at_its_outer_faces() -> None:
@@ -281,14 +301,6 @@ def test_heading_counts_the_elements_and_says_how_their_error_is_learnt(tmp_path
     count = sum(blocks.shape(b).mesh.n_elements for b in range(blocks.n_blocks))
     assert f"mesh: {count} C3D8I" in said(path)
     assert "`tubelock deck FILE --run`" in said(path)
-
-
-def test_header_lists_every_difference(tubelock) -> None:
-    tubelock("export", "tsb1-shaft", *SMALL, "-o", "c.inp", "--flavour", "calculix")
-    text = heading("c.inp")
-    for words in ("table of 200 points", "NODE TO SURFACE", "sampled", "nodal forces", "flat:"):
-        assert words in text
-    assert all(len(line) <= 132 for line in text.splitlines())
 
 
 # ---------------------------------------------------------------------------------------------

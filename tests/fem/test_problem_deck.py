@@ -20,7 +20,6 @@ from tests.support.ccx import calculix_available, run_calculix
 from tests.support.coarse_tubes import coarse, pressed, ring
 from tests.support.decks import exported
 from tests.support.fem_problems import by_block
-from validation import load_case
 
 
 @pytest.fixture(scope="module")
@@ -83,13 +82,6 @@ def test_names_of_blocks_are_labels_of_their_own_in_decks(problem, tmp_path: Pat
     assert labels[:4] == ["column_inp", "column_inp-2", "n2nd", "s_ule"]
     assert len(set(map(label, labels))) == len(given)
     assert safe_names(labels) == labels
-
-
-def test_facets_that_do_not_match_have_contact_pairs(tmp_path: Path) -> None:
-    """Whole faces meet: the deck of the problem is read back as one whose contact is searched."""
-    stated = load_case("column-nonmatching").problem
-    read = read_deck(write_deck(stated, tmp_path / "case.inp", program="calculix")).problem()
-    assert (stated.searches, read.searches) == (True, True)
 
 
 @pytest.mark.parametrize("program", ["abaqus", "calculix"])

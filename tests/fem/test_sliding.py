@@ -24,7 +24,7 @@ from tests.support.explicit_runs import explicit_run
 from tests.support.fem_problems import deformable_assembly, in_contact
 from tests.support.own_blocks import SECTIONS
 from tests.support.printed import printed
-from validation import Case, InputError, load_case
+from validation import Case, load_case
 
 Box = tuple[tuple[float, float, float], tuple[int, int, int]]
 
@@ -76,21 +76,6 @@ def test_rigid_blocks_meet_where_a_search_finds_facets(tubelock) -> None:
     for method in ("rigid (force)", "rigid (pressure)"):
         assert data["interface_force_error"][method] < 1e-7
         assert data["agreement"][method][0]["force_ratio"] == pytest.approx(1, abs=1e-7)
-
-
-def test_decks_of_joints_that_do_not_match(tubelock) -> None:
-    """All flavours write them; a picture too."""
-    for flavour in ("general", "standard", "calculix"):
-        export = (
-            "export",
-            "column-nonmatching",
-            "--flavour",
-            flavour,
-            "-o",
-            f"{flavour}.inp",
-        )
-        assert tubelock(*export)[0] == 0
-    assert tubelock("show", "column-nonmatching", "-o", "column.png")[0] == 0
 
 
 @pytest.mark.usefixtures("undrawn")
@@ -267,12 +252,6 @@ forces = [{block = 3, force = [0, 0, -4000]}]
         assert found.point_areas[points].sum() == pytest.approx(area, rel=4e-5)
         assert np.abs(found.point_forces[points, 2]).sum() == pytest.approx(force, rel=1e-6)
     assert not len(found.joint(0, 1)) or not found.point_pressures[found.joint(0, 1)].any()
-
-
-def test_a_stick_too_stiff_for_the_time_step_is_refused() -> None:
-    friction = {"coefficient": 0.3, "stick_stiffness": 1e6}
-    with pytest.raises(InputError, match="expected at most"):
-        on_its_mesh(column(*CROSSING, effects={"friction": friction}), method="explicit")
 
 
 def test_an_overlap_that_no_facet_matches_is_refused() -> None:
