@@ -26,7 +26,6 @@ from geometry.parts.placed import AnyBlocks
 from geometry.polyhedra.assembly import PolyhedralAssembly, as_polyhedral, polyhedral_assembly
 from geometry.polyhedra.facet_contact import _at_vertices
 from geometry.polyhedra.options import ContactPlacement, CubeArrangement, DetectionOptions
-from geometry.polyhedra.polyhedron import convex_polyhedron
 from mbd import Norm, Rigid, Solver, analyse, contact_jacobian
 from mbd.contacts.friction import FrictionalContacts, RigidFrictionError, frictional_contacts
 from mbd.contacts.jacobian import RigidContacts
@@ -38,6 +37,14 @@ from mbd.options import FrictionLaw
 from mbd.system import RigidSystem, Stated
 from tests.support.blocks import random_rotation, tsb
 from tests.support.linear_programs import solve_linear_programs
+from tests.verification.closed_forms import (
+    ARCH_LIMIT,
+    arch_limit,
+    body_force,
+    groove,
+    incline,
+    tilt_limit,
+)
 from validation import load_case, solve
 
 pytestmark = pytest.mark.quick
@@ -245,14 +252,6 @@ def test_flat_joints_at_vertices_do_not_rock() -> None:
 # Friction
 
 
-def _weights(assembly: PolyhedralAssembly, direction: FloatArray) -> FloatArray:
-    """Unit body force on the free blocks, (6 n_free,)."""
-    free = assembly.free_blocks
-    force = np.zeros((len(free), 6))
-    force[:, :3] = assembly.volumes[free, None] * direction
-    return force.ravel()
-
-
 def _with_friction(
     assembly: PolyhedralAssembly, mu: float, law: FrictionLaw = FrictionLaw.CONE
 ) -> FrictionalContacts:
@@ -277,29 +276,22 @@ def _check_mechanism(contacts: FrictionalContacts, motion: FloatArray, load: Flo
     assert work.min() >= -1e-6 * np.linalg.norm(load) * np.linalg.norm(motion)
 
 
-def _incline() -> PolyhedralAssembly:
-    """A flat block on a plate."""
-    plate, block = box((100.0, 100.0, 10.0)), box((20.0, 20.0, 4.0))
-    places = [(plate, I, np.zeros(3)), (block, I, np.array([40.0, 40.0, 10.0]))]
-    return polyhedral_assembly("incline", places, np.array([True, False]))
-
-
 @pytest.mark.parametrize("law", list(FrictionLaw))
 @pytest.mark.parametrize("mu", [0.1, 0.5, 1.2])
 def test_a_block_on_an_incline_slides_at_atan_mu(mu: float, law: FrictionLaw) -> None:
     # The pyramid's corners touch the cone along its tangents, of which one is x here. The block
     # is five times wider than high: it slides before it tips (tan = 5).
-    assembly = _incline()
+    assembly = incline()
     contacts = _with_friction(assembly, mu, law)
-    found = collapse_load(contacts, _weights(assembly, DOWN), _weights(assembly, I[0]))
+    found = collapse_load(contacts, body_force(assembly, DOWN), body_force(assembly, I[0]))
     assert found.certified
     assert np.arctan(found.factor) == pytest.approx(np.arctan(mu), abs=1e-7)
 
 
 def test_pyramid_is_weaker_than_cone_off_its_corners() -> None:
-    assembly = _incline()
+    assembly = incline()
     diagonal = np.array([1.0, 1.0, 0.0]) / np.sqrt(2)
-    dead, live = _weights(assembly, DOWN), _weights(assembly, diagonal)
+    dead, live = body_force(assembly, DOWN), body_force(assembly, diagonal)
     cone = collapse_load(_with_friction(assembly, 0.5), dead, live)
     pyramid = collapse_load(_with_friction(assembly, 0.5, FrictionLaw.PYRAMID), dead, live)
     assert cone.factor == pytest.approx(0.5, abs=1e-7)
@@ -307,10 +299,10 @@ def test_pyramid_is_weaker_than_cone_off_its_corners() -> None:
 
 
 def test_both_sides_of_the_incline_are_certified() -> None:
-    assembly = _incline()
+    assembly = incline()
     contacts = _with_friction(assembly, 0.3)
     for tangent, holds in ((0.299, True), (0.301, False)):
-        load = _weights(assembly, DOWN + tangent * I[0])
+        load = body_force(assembly, DOWN + tangent * I[0])
         found = frictional_equilibrium(contacts, load)
         assert found.holds == holds
         if holds:
@@ -324,34 +316,11 @@ def test_both_sides_of_the_incline_are_certified() -> None:
 @pytest.mark.parametrize("angle", [20.0, 45.0, 70.0])
 @pytest.mark.parametrize("mu", [0.0, 0.2])
 def test_tilt_limit_of_a_wedge_in_a_groove(angle: float, mu: float) -> None:
-    # A prism rests in a groove whose sides rise at β. Without friction gravity must stay inside
-    # the cone of the two normals: it may tilt by β. With friction it slides up one side and off
-    # the other at β + φ (φ = atan μ) as long as that is less than a right angle.
-    beta, phi = np.radians(angle), np.arctan(mu)
-    t = np.tan(beta)
-    outline = np.array([[0.0, 0.0], [10.0, 10.0 * t], [-10.0, 10.0 * t]])
-    length = 400.0
-    wedge = convex_polyhedron("wedge", [[x, y, z] for x, z in outline for y in (-length, length)])
-    side = np.array([[0.0, 0.0], [40.0, 40.0 * t], [40.0, 40.0 * t - 60.0], [0.0, -60.0]])
-    right = convex_polyhedron(
-        "right", [[x, y, z] for x, z in side for y in (-2 * length, 2 * length)]
-    )
-    left = convex_polyhedron(
-        "left", [[-x, y, z] for x, z in side for y in (-2 * length, 2 * length)]
-    )
-    groove = polyhedral_assembly(
-        "groove",
-        [(right, I, np.zeros(3)), (left, I, np.zeros(3)), (wedge, I, np.zeros(3))],
-        np.array([True, True, False]),
-    )
-    contacts = _with_friction(groove, mu)
-    found = collapse_load(contacts, _weights(groove, DOWN), _weights(groove, I[0]))
-    if beta + phi >= np.pi / 2:
-        assert np.isinf(found.factor)
-        return
-    assert found.certified
-    # Flat-bottomed prisms turn about the edge of the groove only beyond the sliding limit.
-    assert np.arctan(found.factor) == pytest.approx(beta + phi, abs=1e-5)
+    """Without friction gravity must stay inside the cone of the two normals: it may tilt by β. With
+    friction the prism slides up one side and off the other at β + atan μ, below a right angle."""
+    limit = np.radians(angle) + np.arctan(mu)
+    expected = min(limit, np.pi / 2)
+    assert tilt_limit(groove(np.radians(angle)), mu) == pytest.approx(expected, abs=1e-5)
 
 
 def test_semicircular_arch_stands_down_to_the_couplet_heyman_thickness() -> None:
@@ -361,7 +330,7 @@ def test_semicircular_arch_stands_down_to_the_couplet_heyman_thickness() -> None
     def stands(ratio: float) -> bool:
         arch = CircularArch(1000.0, 1000.0 * ratio, 300.0, 40).build()
         contacts = _with_friction(arch, 1.0)
-        load = _weights(arch, DOWN)
+        load = body_force(arch, DOWN)
         found = frictional_equilibrium(contacts, load)
         if found.holds:
             _check_forces(contacts, found.forces, load)
@@ -372,21 +341,23 @@ def test_semicircular_arch_stands_down_to_the_couplet_heyman_thickness() -> None
 
     assert stands(0.1077)
     assert not stands(0.1073)
+    # Ten halvings of [0.09, 0.13] leave 2e-5.
+    assert arch_limit(20, steps=10) == pytest.approx(ARCH_LIMIT, abs=1e-4)
 
 
 def test_wall_slides_on_its_foundation_at_mu() -> None:
     wall = RunningBondWall((240.0, 115.0, 71.0), 3, 2).build()
     contacts = _with_friction(wall, 0.6)
-    found = collapse_load(contacts, _weights(wall, DOWN), _weights(wall, I[0]))
+    found = collapse_load(contacts, body_force(wall, DOWN), body_force(wall, I[0]))
     assert found.certified
     assert found.factor == pytest.approx(0.6, abs=1e-6)
-    _check_forces(contacts, found.forces, _weights(wall, DOWN + found.factor * I[0]))
+    _check_forces(contacts, found.forces, body_force(wall, DOWN + found.factor * I[0]))
 
 
 def test_collapse_answers_what_cannot_be_asked() -> None:
-    assembly = _incline()
+    assembly = incline()
     contacts = _with_friction(assembly, 0.3)
-    dead = _weights(assembly, DOWN)
+    dead = body_force(assembly, DOWN)
     with pytest.raises(RigidFrictionError, match="live load is zero"):
         collapse_load(contacts, dead, 0.0 * dead)
     lifted = collapse_load(contacts, -dead, dead)
@@ -481,28 +452,13 @@ def test_loads_of_body_scenes_are_weights_and_pushes(tmp_path: Path) -> None:
     np.testing.assert_allclose(pushed[5] - loads[5], [0, 0, 0, 0, 6, 0], atol=1e-9)
 
 
-def test_limits_shown_beside_closed_forms() -> None:
-    from tests.verification.closed_forms import (
-        ARCH_LIMIT,
-        arch_limit,
-        groove,
-        incline,
-        tilt_limit,
-    )
-
-    assert tilt_limit(incline(), 0.3) == pytest.approx(np.arctan(0.3), abs=1e-7)
-    assert tilt_limit(groove(0.5), 0.0) == pytest.approx(0.5, abs=1e-6)
-    # Ten halvings of [0.09, 0.13] leave 2e-5; the closed form has four digits.
-    assert arch_limit(20, steps=10) == pytest.approx(ARCH_LIMIT, abs=1e-4)
-
-
 @pytest.mark.parametrize("slope", [1e-4, 1e-5, 3e-6])
 def test_what_leans_beyond_the_tolerance_is_no_equilibrium(slope: float) -> None:
     """On a smooth plate nothing balances the part along it: a residual of the slope, not 1e-6."""
-    assembly = _incline()
+    assembly = incline()
     contacts = contact_jacobian(assembly)
     for lean, holds in ((slope, False), (1e-8, True)):
-        load = _weights(assembly, DOWN + lean * I[0])
+        load = body_force(assembly, DOWN + lean * I[0])
         for solver in (Solver.NEWTON, Solver.CLARABEL):
             found = equilibrium(contacts.jacobian, load, solver=solver)
             assert found.holds is holds, (solver, lean, found.status)
