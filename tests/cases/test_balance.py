@@ -47,8 +47,13 @@ EXPENSIVE = {
     | {"octahedra", "pushed-panel", "versatile", "versatile-panel"},
     "explicit": {"arch", "brick-stack", "cattaneo-mindlin", "hertz-ball", "hertz-roller"},
 }
+#: Tubes of which `make test` has one of the family by this method.
+ALIKE = ("tsb2-", "thb0-beam", "thb0-shaft", "thb0-pillar")
 CASES = [
-    (scene, method)
+    pytest.param(
+        *(scene, method),
+        marks=[pytest.mark.thorough] * (method != "rigid" and scene.startswith(ALIKE)),
+    )
     for method, without in WITHOUT.items()
     for scene in SCENES
     if scene not in without | EXPENSIVE[method]

@@ -76,7 +76,7 @@ def changed(name: str, path: tuple[str, ...], value: Any) -> dict[str, Any]:
     return data
 
 
-@settings(SLOW, max_examples=300)
+@settings(SLOW, max_examples=150)
 @given(place=st.sampled_from(PLACES), value=VALUES)
 def test_every_value_of_every_key_is_read_or_refused_in_one_line(
     place: tuple[str, tuple[str, ...]], value: Any
@@ -125,7 +125,7 @@ def words_of(draw: Callable[..., Any]) -> list[str]:
     return [part.replace("\x00", "") for part in words]  # nobody can type it
 
 
-@settings(SLOW, max_examples=60)
+@settings(SLOW, max_examples=30)
 @given(data=st.data())
 def test_every_line_is_answered_or_refused_in_one_line(data: st.DataObject) -> None:
     with tempfile.TemporaryDirectory() as folder, contextlib.chdir(folder), undrawn():

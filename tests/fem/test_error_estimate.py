@@ -155,7 +155,7 @@ def test_stresses_at_edges_are_known_no_better_than_the_worst_of_them() -> None:
 
 def test_limit_reached_in_coarser_meshes_leaves_the_state_and_wider_bars_or_none() -> None:
     """Two courses of bricks: the coarsest mesh is solved first, and the other takes most work."""
-    wall = load_case("wall", {"assembly.columns": 2, "assembly.rows": 2}, method="static")
+    wall = load_case("wall", {"assembly.columns": 1, "assembly.rows": 2}, method="static")
     whole = solve(wall)  # a third of it is the state, a fifth the coarsest mesh
     strong = wall.changed({"material.compressive_strength": 5.0})
     for share, bars, case in ((0.4, False, strong), (0.75, True, wall)):

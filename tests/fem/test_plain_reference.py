@@ -56,7 +56,7 @@ def _agree(problem: Problem, plain: PlainState, method: Static) -> None:
 
 @pytest.mark.parametrize(
     ("degree", "friction", "layers"),
-    [(3, None, 1), (1, 0.3, 2), (2, 0.2, 1)],
+    [pytest.param(3, None, 1, marks=pytest.mark.thorough), (1, 0.3, 2), (2, 0.2, 1)],
 )
 def test_tubes(degree: int, friction: float | None, layers: int) -> None:
     """Computed whole, and one block of each orbit: of two layers a half turn takes one."""

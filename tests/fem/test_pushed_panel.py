@@ -137,6 +137,7 @@ def test_rigid_blocks_say_the_limit_of_the_push() -> None:
     assert limit["non_associated"] == pytest.approx(0.0, abs=1e-9)
 
 
+@pytest.mark.thorough
 def test_steps_far_longer_than_the_contact_law_are_taken() -> None:
     """Nothing presses the blocks before, and steps of 1 mm are a thousand lengths of the law: each
     starts where the one before leads to, the first from shorter ones. The push of a block that

@@ -93,6 +93,8 @@ poisson_ratio = 0.2
 [contact]
 [fem]
 method = "static"
+mesh = "scene"
+error_estimate = false
 """
 USE = """
 import contextlib, io, json, sys

@@ -6,6 +6,8 @@ import csv
 from importlib import resources
 from pathlib import Path
 
+import pytest
+
 from validation import read_rows
 from validation.study.run import run_design
 from validation.study.scene_study import load_study
@@ -24,6 +26,7 @@ def test_rows_are_those_of_the_study() -> None:
     assert ROWS.stat().st_size <= 200_000
 
 
+@pytest.mark.thorough
 def test_a_design_computed_again_agrees_within_its_error_bars() -> None:
     """The solver of today gives what is stored: a change of it that matters is seen here.
 

@@ -291,7 +291,7 @@ def _tube(
     return tube(block, layers=1, mesh=mesh)
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_a_peak_at_the_end_of_a_joint_has_a_bar_that_holds() -> None:
     """Pressure 0.9 mm beside a joint; 7.43 MPa on cells of 1.5 mm and degree 3 in another code."""
     wave = {"amplitude": 16.48, "frequency": 1.5, "shift": 0.289, "blocks_per_layer": 4}
@@ -300,7 +300,7 @@ def test_a_peak_at_the_end_of_a_joint_has_a_bar_that_holds() -> None:
     assert found.error is None or abs(found.value - 7.43) <= found.error
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_a_change_of_degree_alone_leaves_a_bar_that_holds() -> None:
     """Displacement of a shaft against a mesh of a bar of 0.2 %."""
     wave = {"amplitude": 10.5, "frequency": 2.0, "shift": 0.5, "blocks_per_layer": 4}

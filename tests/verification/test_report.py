@@ -75,7 +75,7 @@ def test_its_figures_are_drawn(report) -> None:
 
 
 @pytest.mark.skipif(BROWSER is None, reason="no Chromium on this machine")
-@pytest.mark.parametrize("width", [390, 1200])
+@pytest.mark.parametrize("width", [390, pytest.param(1200, marks=pytest.mark.thorough)])
 def test_the_page_in_a_browser(report, tmp_path, width) -> None:
     pytest.importorskip("tornado")
     pytest.importorskip("trame_vtk")
