@@ -130,7 +130,13 @@ def agree(one: dict[str, Any], other: dict[str, Any]) -> None:
             assert measure[key] == same
 
 
-@pytest.mark.parametrize("name", builtin_names())
+@pytest.mark.parametrize(
+    "name",
+    [
+        pytest.param(name, marks=[pytest.mark.thorough] * (name == "pushed-panel"))
+        for name in builtin_names()
+    ],
+)
 def test_rigid_answers_of_command_and_python_are_one(name: str) -> None:
     one, other = printed("mbd", name, fewer(name)), given("rigid", name, fewer(name))
     assert one.get("title") == other.get("title")

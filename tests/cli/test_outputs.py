@@ -11,7 +11,7 @@ import pytest
 import typer
 
 from tests.support.coarse_tubes import SMALL
-from validation import InputError, builtin_names, builtin_text
+from validation import InputError, builtin_text
 from validation.cli.app import app, described
 from validation.output.outputs import Outputs
 
@@ -117,20 +117,3 @@ def test_shells_complete_commands_scenes_and_keys(shell) -> None:
     assert {"load.case=", "load.pressure="} <= set(keys)
     assert not [key for key in keys if key.startswith("block.")]
     assert "paper-480" in _offered(shell, "tubelock sweep pap")
-
-
-def test_nothing_heavy_is_imported_for_help_and_lists() -> None:
-    """The start of these is the start of Python and typer."""
-    program = (
-        "import sys; from validation.cli.app import app\n"
-        "for words in (['--help'], ['scenes'], ['scenes', '--studies'], ['mbd', '--help']):\n"
-        "    try: app(words)\n"
-        "    except SystemExit: pass\n"
-        "heavy = {'numpy', 'scipy', 'numba', 'pyvista', 'matplotlib', 'meshio'}\n"
-        "print(sorted(heavy & set(sys.modules)), file=sys.stderr)"
-    )
-    found = subprocess.run(
-        [sys.executable, "-c", program], capture_output=True, text=True, check=True
-    )
-    assert found.stderr == "[]\n"
-    assert set(builtin_names()) <= set(found.stdout.split())

@@ -5,6 +5,7 @@ from types import SimpleNamespace
 
 import pytest
 
+from tests.fixtures.commands import small_meshes
 from tests.support.coarse_tubes import coarse
 from validation.output import console as progress
 from validation.output.console import (
@@ -80,13 +81,15 @@ def test_explicit_runs_say_once_how_many_steps_they_take(followed, clock) -> Non
     assert line.startswith("arch: 200000 steps of 1e-07 s, about 33 min; Ctrl-C stops it")
 
 
-@pytest.mark.usefixtures("undrawn", "small_meshes")
+@pytest.mark.usefixtures("undrawn")
 def test_a_pipe_gets_plain_lines_of_long_runs_alone(tubelock, monkeypatch) -> None:
     # Nothing is timed: a run is long from its first moment, or never.
     for short, lines in ((1e9, 0), (0.0, 1)):
         monkeypatch.setattr(progress, "SHORT", short)
-        status, _, err = tubelock("fem", *TUBE, "-o", "out")
+        with small_meshes(1, 2):
+            status, _, err = tubelock("fem", *TUBE, "-o", "out")
         assert status == 0
         assert len([line for line in err.splitlines() if ": mesh 1: u " in line]) == lines
         assert all(text.isprintable() for text in err.splitlines())
-    assert tubelock("fem", *TUBE, "-o", "out", "--quiet")[2] == ""
+    with small_meshes(1):
+        assert tubelock("fem", *TUBE, "-o", "out", "--quiet")[2] == ""

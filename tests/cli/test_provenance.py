@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
 import csv
 import json
 import re
-import subprocess
-import sys
 import tomllib
 from pathlib import Path
 from typing import Any
@@ -15,24 +14,15 @@ import meshio
 import numpy as np
 import pytest
 
+from tests.fixtures.commands import undrawn
 from tests.support.coarse_tubes import coarse
+from tests.support.commands import command
 from validation import builtin_text, load_case, read_answer
 from validation.output.files import Provenance, program, stamp_vtu, stamped
 from validation.output.outputs import Outputs
 from validation.scene.read import check_scene
 
 SMALL = coarse(1, 2)
-
-
-def tubelock(*arguments: str, folder: Path) -> str:
-    return subprocess.run(
-        [sys.executable, "-m", "validation.cli", *arguments],
-        capture_output=True,
-        text=True,
-        check=True,
-        timeout=300,
-        cwd=folder,
-    ).stdout
 
 
 def settings() -> list[str]:
@@ -43,7 +33,8 @@ def settings() -> list[str]:
 def answer(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, Any]]:
     folder = tmp_path_factory.mktemp("answer")
     files = ("-o", "out", "--fields", "--json", "answer.json")
-    tubelock("mbd", "tsb1-pipe", *settings(), *files, folder=folder)
+    with contextlib.chdir(folder), undrawn():
+        assert command("mbd", "tsb1-pipe", *settings(), *files)[0] == 0
     return folder, json.loads((folder / "answer.json").read_text("utf-8"))
 
 

@@ -14,6 +14,7 @@ from fem.answer.forces import push_curves_of
 from fem.state import State
 from fem.static.solve import static_state
 from fem.system.reactions import PushCurve
+from geometry import Answer
 from geometry.families.platonic_layers import tetrahedron
 from mbd import contact_jacobian
 from mbd.contacts.friction import frictional_contacts
@@ -101,10 +102,15 @@ def test_joint_forces_lie_within_the_ranges_of_rigid_blocks(squeezed: State) -> 
     assert (ranges.least > 0.0).sum() == 24
 
 
-def test_no_force_is_larger_than_the_rigid_limit(pressed: Pushed) -> None:
+@pytest.fixture(scope="module")
+def rigid() -> Answer:
+    return solve(panel().with_method("rigid"))
+
+
+def test_no_force_is_larger_than_the_rigid_limit(pressed: Pushed, rigid: Answer) -> None:
     """Associated limit analysis bounds every state with Coulomb's friction, as far as the panel is
     the one as built: blocks of 60 mm that move by 0.12 mm turn its faces by no more than 0.2 %."""
-    limit = solve(panel().with_method("rigid")).parts["push_limit"].associated.factor
+    limit = rigid.parts["push_limit"].associated.factor
     assert np.isfinite(limit)
     assert pressed.result.converged
     assert pressed.curve.displacements[-1] == pytest.approx(0.12, rel=1e-12)
@@ -122,11 +128,10 @@ def test_the_work_of_the_push_is_stored_and_lost(pressed: Pushed, squeezed: Stat
     assert curve.work <= work <= curve.forces[1:] @ np.diff(curve.displacements)
 
 
-def test_rigid_blocks_say_the_limit_of_the_push() -> None:
+def test_rigid_blocks_say_the_limit_of_the_push(rigid: Answer) -> None:
     """Certified from both sides, by faces alone; a fixed ring jams with associated friction, and
     without dilation nothing that presses holds the block."""
-    file = load_case("pushed-panel", ())
-    limit = solve(file.with_method("rigid")).as_dict()["push_limit"]
+    limit = rigid.as_dict()["push_limit"]
     assert limit["certified"]
     assert limit["upper_bound"] == pytest.approx(limit["associated"], rel=1e-6)
     assert 0.0 < limit["non_associated"] < limit["associated"]

@@ -124,6 +124,7 @@ def test_where_nothing_can_be_written_every_run_compiles_and_says_so(package: Pa
         assert len(answer.stderr.splitlines()) == 1
 
 
+@pytest.mark.thorough
 def test_damaged_files_are_compiled_anew(package: Path) -> None:
     run(package)
     for file in folders(package)[0].glob("*.nbc"):
