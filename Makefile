@@ -34,11 +34,11 @@ demo: setup
 	$(BIN)/tubelock export tsb1-pipe --set assembly.layers=2 --flavour calculix --output $(OUT)/tsb1-pipe.inp
 
 test: setup
-	$(BIN)/python -m pytest -n 2 --dist worksteal -m "not thorough" --durations 50 --durations-min 3
+	$(BIN)/python -m pytest -n 2 --dist worksteal -m "not thorough" --dearest 50
 
 # More of the kinds of tests that `make test` has one of: kill, Ctrl-C, Dask, random input, hard cases.
 thorough: setup
-	$(BIN)/python -m pytest -n 2 --dist worksteal -m thorough --durations 50 --durations-min 3
+	$(BIN)/python -m pytest -n 2 --dist worksteal -m thorough --dearest 50
 
 # Quick tests with the lowest versions that pyproject.toml allows. Their environment stays in the
 # user's cache until pyproject.toml changes.

@@ -47,6 +47,50 @@ def _cpu_seconds() -> float:
     return sum(os.times()[:4])
 
 
+_STARTED = pytest.StashKey[float]()
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    parser.addoption("--dearest", type=int, default=0, help="list so many tests by CPU time")
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_protocol(item: pytest.Item) -> Generator[None, Any, Any]:
+    item.stash[_STARTED] = _cpu_seconds()
+    return (yield)
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_makereport(
+    item: pytest.Item, call: pytest.CallInfo[None]
+) -> Generator[None, pytest.TestReport, pytest.TestReport]:
+    """The last report of a test tells its CPU time, and the first line of its docstring."""
+    report = yield
+    if call.when == "teardown":
+        words = getattr(getattr(item, "function", None), "__doc__", None) or ""
+        law = (words.strip().splitlines() or [""])[0]
+        spent = _cpu_seconds() - item.stash[_STARTED]
+        report.user_properties = [*report.user_properties, ("cpu", spent), ("law", law)]
+    return report
+
+
+def pytest_terminal_summary(
+    terminalreporter: pytest.TerminalReporter, config: pytest.Config
+) -> None:
+    """The dearest tests and what they protect; fixtures count for the test that asks first."""
+    count = config.getoption("dearest")
+    if not count:
+        return
+    rows = [
+        (told["cpu"], report.nodeid, told["law"])
+        for report in terminalreporter.stats.get("", ())
+        if "cpu" in (told := dict(getattr(report, "user_properties", ())))
+    ]
+    terminalreporter.section(f"dearest tests, of {sum(row[0] for row in rows):.0f} CPU s in all")
+    for spent, name, law in sorted(rows, reverse=True)[:count]:
+        terminalreporter.write_line(f"{spent:5.1f}  {name}{law and ': '}{law}")
+
+
 @pytest.hookimpl(wrapper=True)
 def pytest_runtest_call(item: pytest.Item) -> Generator[None, Any, Any]:
     """Fail a quick test that is not, in `make check` (not in `make lowest`).
