@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import shlex
 import tomllib
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -18,6 +19,7 @@ import geometry
 import mbd
 import validation
 from geometry import RefusedError
+from tests.support.commands import command
 
 pytestmark = pytest.mark.quick
 
@@ -41,21 +43,27 @@ def contents(folder: Path) -> dict[str, bytes]:
     return {path.name: path.read_bytes() if path.is_file() else b"" for path in folder.iterdir()}
 
 
-@pytest.mark.parametrize("words", REFUSALS)
-def test_bad_input_gets_the_line_of_the_table(
-    tubelock: Callable[..., tuple[int, str, str]], tmp_path: Path, words: str
-) -> None:
+@pytest.fixture(scope="module", name="folder")
+def _folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Where commands are typed: no line changes it."""
+    folder = tmp_path_factory.mktemp("typed")
     for name, text in FILES.items():
-        (tmp_path / name).write_text(text, "utf-8")
+        (folder / name).write_text(text, "utf-8")
     # What is no file, and is never opened: a pipe that nobody fills, links in a circle, a folder.
-    os.mkfifo(tmp_path / "pipe.toml")
-    (tmp_path / "loop.toml").symlink_to("loop.toml")
-    (tmp_path / "zero.toml").symlink_to("/dev/zero")
-    (tmp_path / "folder.toml").mkdir()
-    (tmp_path / "link.toml").symlink_to("scene.toml")
-    before = contents(tmp_path)
-    assert tubelock(*typed(words)) == (2, "", f"error: {REFUSALS[words]}\n")
-    assert contents(tmp_path) == before
+    os.mkfifo(folder / "pipe.toml")
+    (folder / "loop.toml").symlink_to("loop.toml")
+    (folder / "zero.toml").symlink_to("/dev/zero")
+    (folder / "folder.toml").mkdir()
+    (folder / "link.toml").symlink_to("scene.toml")
+    return folder
+
+
+@pytest.mark.parametrize("words", REFUSALS)
+def test_bad_input_gets_the_line_of_the_table(folder: Path, words: str) -> None:
+    before = contents(folder)
+    with contextlib.chdir(folder):
+        assert command(*typed(words)) == (2, "", f"error: {REFUSALS[words]}\n")
+    assert contents(folder) == before
 
 
 class Names(dict[str, Any]):

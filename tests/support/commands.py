@@ -6,7 +6,8 @@ import contextlib
 import io
 import sys
 from collections.abc import Mapping, Sequence
-from importlib.metadata import entry_points
+from functools import cache
+from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
 from typing import Any
 from unittest import mock
@@ -18,9 +19,15 @@ from validation import load_case, solve
 ANSWER_FILES = ("answer.json", "answer.npz", "fields.vtu", "contact_pressures.vtu")
 
 
+@cache
+def _tubelock() -> EntryPoint:
+    """Looked for once: it takes as long as a short command."""
+    (found,) = entry_points(group="console_scripts", name="tubelock")
+    return found
+
+
 def command(*words: str) -> tuple[int, str, str]:
     """Exit status, standard output and standard error of ``tubelock WORDS``, in this process."""
-    (tubelock,) = entry_points(group="console_scripts", name="tubelock")
     out, err = _stream(), _stream()
     with (
         mock.patch.object(sys, "argv", ["tubelock", *words]),
@@ -28,7 +35,7 @@ def command(*words: str) -> tuple[int, str, str]:
         contextlib.redirect_stderr(err),
     ):
         try:
-            tubelock.load()()
+            _tubelock().load()()
             status = 0
         except SystemExit as stop:
             status = int(stop.code or 0)
