@@ -388,6 +388,30 @@ def least_forces(
     return least(equal, -load, Cones(rows, kinds), squares=squares, cost=cost, work=work)
 
 
+def least_normal(
+    contacts: FrictionalContacts,
+    unit: FloatArray,
+    of: BoolArray,
+    *,
+    sign: float = 1.0,
+    work: Work,
+) -> float:
+    """Least sum of the normal forces of some contacts, (n,), over all admissible states.
+
+    Of a load of one. ``sign`` of -1: minus the largest one, -∞ where a self-stress presses them.
+    nan where the program finds none.
+    """
+    cost = np.zeros((contacts.n_contacts, 3))
+    cost[of, 0] = sign
+    forces, _ = least_forces(contacts, unit, cost=cost.ravel(), work=work)
+    balanced, value = contacts.matrix @ forces, float(cost.ravel() @ forces)
+    if np.linalg.norm(balanced + unit) <= EQUILIBRIUM_TOLERANCE:
+        return value
+    # A ray of admissible forces that balance nothing.
+    ray = np.linalg.norm(balanced) <= EQUILIBRIUM_TOLERANCE * np.linalg.norm(forces)
+    return -np.inf if ray and value < 0.0 else np.nan
+
+
 def _unit_largest(direction: FloatArray) -> FloatArray:
     """Direction scaled to a largest entry of 1; zero where it is not finite."""
     largest = float(np.abs(direction).max(initial=0.0))

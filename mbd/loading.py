@@ -33,11 +33,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 import scipy.sparse as sp
 
-from geometry.mesh import BoolArray, FloatArray
+from geometry.mesh import FloatArray
 from geometry.parts.measures import first_largest
 from mbd.contacts.friction import FrictionalContacts
 from mbd.contacts.jacobian import RigidContacts
-from mbd.equilibrium import EQUILIBRIUM_TOLERANCE, Equilibrium, least_forces
+from mbd.equilibrium import EQUILIBRIUM_TOLERANCE, Equilibrium, least_normal
 from mbd.programs import DETERMINED, Work
 
 #: Operations that may be spent: seconds.
@@ -278,7 +278,7 @@ def _most_missing(
     short = np.bincount(of, weights=missing, minlength=len(joints))
     asked = np.argsort(-short, kind="stable")[:_MOST_JOINTS]
     size = float(np.linalg.norm(load))
-    least = np.array([_least_force(frictional, load / size, of == k, work) for k in asked])
+    least = np.array([least_normal(frictional, load / size, of == k, work=work) for k in asked])
     least = np.where(np.isnan(least), 0.0, least)
     order = np.argsort(asked)
     k = order[first_largest(least[order])]
@@ -286,17 +286,3 @@ def _most_missing(
         k, least[k] = 0, 0.0
     m, s = joints[asked[k]].tolist()
     return (m, s), size * float(least[k])
-
-
-def _least_force(
-    frictional: FrictionalContacts, unit: FloatArray, joint: BoolArray, work: Work
-) -> float:
-    """Least sum of the normal forces of some contacts, (n,), over all admissible states.
-
-    Of a load of one; nan where the program finds none.
-    """
-    cost = np.zeros((frictional.n_contacts, 3))
-    cost[joint, 0] = 1.0
-    forces, _ = least_forces(frictional, unit, cost=cost.ravel(), work=work)
-    missed = np.linalg.norm(frictional.matrix @ forces + unit)
-    return float(cost.ravel() @ forces) if missed <= EQUILIBRIUM_TOLERANCE else np.nan

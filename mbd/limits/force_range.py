@@ -7,11 +7,11 @@ least and the largest sum of its normal forces over all of them,
     min, max Σ λ_n over the joint s.t. G λ + f = 0, λ admissible.
 
 A joint that takes part in an admissible self-stress, G λ = 0, can be pressed without bound: one
-program finds all of these first, max Σ s_j with s_j <= 1 and s_j <= the sum of joint j. With
-friction the pyramid stands for the cone, inside it: every state counted is admissible, and the
-true range is no narrower.
+program finds all of these first, max Σ s_j with s_j <= 1 and s_j <= the sum of joint j.
 
-Only the costs differ from program to program: each starts from the basis of the last one.
+With the cone of friction in space the programs are cone programs. In a plane the cone is two edges,
+and the pyramid has four: of linear programs only the costs differ from one to the next, and each
+starts from the basis of the last one.
 
 References: eq. SCP-linear of the paper; Kao, Iannuzzo, Thomaszewski, Coros, Van Mele, Block,
 "Coupled rigid-block analysis", Computer-Aided Design 146 (2022), on the indeterminacy.
@@ -19,6 +19,7 @@ References: eq. SCP-linear of the paper; Kao, Iannuzzo, Thomaszewski, Coros, Van
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
@@ -30,7 +31,7 @@ from geometry.mesh import BoolArray, FloatArray, IntArray
 from geometry.parts.rows import Row, finite
 from mbd.contacts.friction import FrictionalContacts
 from mbd.contacts.jacobian import RigidContacts
-from mbd.equilibrium import newton_equilibrium
+from mbd.equilibrium import least_normal, newton_equilibrium
 from mbd.limits.plane import Reduced
 from mbd.programs import DETERMINED, LinearPrograms, Work
 
@@ -78,9 +79,10 @@ class ForceRanges:
     def _words(self) -> str:
         wide, unbounded = int(self.undetermined.sum()), int(self.unbounded.sum())
         of = f"of {len(self.least)} joints"
-        if self.unanswered:
+        if open_ := int(np.isnan(self.width).sum()):
+            reason = " (limit of work)" if self.unanswered else ""
             return (
-                f"not decided (limit of work) in {self.unanswered} {of}; of the others {wide} "
+                f"not decided{reason} in {open_} {of}; of the others {wide} "
                 f"are statically indeterminate, {unbounded} of them unbounded (self-stress)"
             )
         if wide == 0:
@@ -126,8 +128,8 @@ def force_ranges(
 ) -> ForceRanges | None:
     """Least and largest normal force of every joint.
 
-    Up to two linear programs for each joint: milliseconds for walls, tenths of a second for a tube
-    with 40 000 contacts, longer with friction.
+    Up to two programs for each joint: milliseconds for walls, tenths of a second for a tube with
+    40 000 contacts, longer with friction.
 
     Parameters
     ----------
@@ -158,24 +160,51 @@ def force_ranges(
         load = load[frictional.rows]
     work, known = work or Work(), _all_pressed(contacts, n_joints)
     pressed = _self_stressed(matrix, of, n_joints, work) if known is None else known
-    target = -load / size if size > 0.0 else -load
-    programs = LinearPrograms(matrix, (target, target), (0.0, np.inf), work)
+    unit = load / size if size > 0.0 else load
+    if frictional is not None and frictional.has_cones:
+        extreme = _by_cones(frictional.contacts, joint, unit, work)
+    else:
+        extreme = _by_edges(matrix, of, unit, work)
     answer = partial(ForceRanges, pairs[:, 0], pairs[:, 1], shown=sums, load=size)
     least, largest = np.full(n_joints, np.nan), np.where(pressed, np.inf, np.nan)
     for k in range(n_joints):
-        result = programs.least((of == k).astype(np.float64))
+        result = extreme(k, 1.0)
         if work.spent:
             return _stopped(answer(least, largest))
         if result is None:
             return None
-        least[k] = size * result
+        least[k] = max(size * result, 0.0)
     for k in np.flatnonzero(~pressed).tolist():
-        result = programs.least(-(of == k).astype(np.float64)) if size > 0.0 else 0.0
+        result = extreme(k, -1.0) if size > 0.0 else 0.0
         if work.spent:
             return _stopped(answer(least, largest))
         # What only the solver's tolerance lets grow without bound is no answer.
         largest[k] = np.nan if result is None else -size * result
     return answer(least, largest)
+
+
+#: Of a joint by its number and a sign of 1 or -1: the least sum of its normal forces for a load of
+#: one, or minus the largest. None where no admissible forces balance, nan where none are found.
+_Extreme = Callable[[int, float], float | None]
+
+
+def _by_edges(matrix: sp.csc_array, of: IntArray, unit: FloatArray, work: Work) -> _Extreme:
+    """By linear programs over the edges of what is admissible, ``of`` joints."""
+    programs = LinearPrograms(matrix, (-unit, -unit), (0.0, np.inf), work)
+
+    def extreme(joint: int, sign: float) -> float | None:
+        return programs.least(sign * (of == joint))
+
+    return extreme
+
+
+def _by_cones(contacts: FrictionalContacts, of: IntArray, unit: FloatArray, work: Work) -> _Extreme:
+    """By cone programs over contacts ``of`` joints."""
+
+    def extreme(joint: int, sign: float) -> float | None:
+        return least_normal(contacts, unit, of == joint, sign=sign, work=work)
+
+    return extreme
 
 
 def _stopped(ranges: ForceRanges) -> ForceRanges:

@@ -12,6 +12,7 @@ from geometry.mesh import FloatArray, IntArray
 from geometry.parts.placed import AnyBlocks
 from mbd.contacts.friction import FrictionalContacts
 from mbd.contacts.jacobian import RigidContacts
+from mbd.options import FrictionLaw
 
 #: Out-of-plane parts below this fraction are round-off of vertices and normals.
 _FLAT = 1e-9
@@ -35,6 +36,11 @@ class Reduced:
     """Contacts of the problem in space that are kept, (n,)."""
     behind: FloatArray | None = None
     """From the face of these contacts to the other one, (3,) [mm]; None in space."""
+
+    @property
+    def has_cones(self) -> bool:
+        """Whether admissible forces fill round cones; in a plane they lie between two edges."""
+        return self.behind is None and self.contacts.law is FrictionLaw.CONE
 
     def motion(self, motion: FloatArray, n_rows: int) -> FloatArray:
         """Rows in space of a motion of these rows."""

@@ -75,8 +75,7 @@ def squeezed() -> State:
 def test_joint_forces_lie_within_the_ranges_of_rigid_blocks(squeezed: State) -> None:
     """Forces of elements are in equilibrium with the side forces and obey Coulomb's law at every
     point, so that some rigid state has the same: the normal force of each joint is no less than its
-    least and no more than its largest. Ranges by the pyramid inside the cone are narrower than
-    those; no joint is near their ends."""
+    least and no more than its largest."""
     problem = panel().with_method("rigid").problem
     solids, load = problem.blocks, problem.rigid_load
     load = replace(load, held=tuple(support for support in load.held if not support.moves))

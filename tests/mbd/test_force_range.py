@@ -90,6 +90,25 @@ def test_a_locked_layer_can_be_prestressed_without_bound() -> None:
     assert (found.least <= found.shown + 1e-9 * found.load).all()
 
 
+@pytest.mark.parametrize("law", FrictionLaw)
+@pytest.mark.parametrize("turn", [0.0, 20.0, 45.0])
+def test_the_least_squeeze_of_a_block_between_two_walls(law: FrictionLaw, turn: float) -> None:
+    """F/2μ in whatever direction F pulls; the pyramid, with edges along the axes, asks for more."""
+    shape, mu = box((10.0, 10.0, 10.0)), 0.4
+    places = [(shape, np.eye(3), np.array([10.0 * k, 0.0, 0.0])) for k in range(3)]
+    row = polyhedral_assembly("row", places, np.array([True, False, True]))
+    contacts = contact_jacobian(row)
+    load = np.array([0.0, np.cos(np.radians(turn)), -np.sin(np.radians(turn)), 0.0, 0.0, 0.0])
+    frictional = frictional_contacts(row, contacts, mu, law)
+    shown = frictional_equilibrium(frictional, load).forces[:, 0]
+    found = force_ranges(contacts, load, shown, frictional=in_space(frictional))
+    assert found is not None
+    sheared = np.abs(load).sum() if law is FrictionLaw.PYRAMID else 1.0
+    np.testing.assert_allclose(found.least, sheared / (2.0 * mu), rtol=1e-6)
+    assert (found.least <= found.shown + 1e-6).all()
+    assert found.unbounded.all()
+
+
 def test_friction_widens_every_range() -> None:
     # Every state without friction is one with it.
     wall = RunningBondWall((200.0, 100.0, 80.0), 2, 2).build()
