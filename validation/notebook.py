@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from geometry.answer import Answer
     from geometry.parts.measures import SectionForces
     from validation.study.comparison.report import Comparison
-    from validation.study.costs.report import CostResult
+    from validation.study.cost import CostResult
     from validation.study.optimisation.report import SearchResult
     from validation.study.optimisation.sensitivity import Sensitivity
     from validation.study.study import Study
@@ -173,7 +173,7 @@ def cost(
     InputError
         A scene that no method can solve.
     """
-    from validation.study.costs.study import run_cost
+    from validation.study.cost import run_cost
     from validation.study.rowfile import store_or_none
 
     with store_or_none(store) as path:
@@ -287,9 +287,7 @@ def sweep(
         Parameters that a scene does not have, or a store that is no file of results.
     """
     from functools import partial
-    from io import StringIO
 
-    from validation.output.console import plain_console
     from validation.study.rowfile import StudyRows, store_or_none
     from validation.study.run import runner_for
     from validation.study.scene_study import load_study
@@ -315,10 +313,9 @@ def sweep(
                 progress(f"{done} of {total} designs", done, total)
 
         swept = run_sweep(results, runner, tell, judged=judge)
-        swept.print(plain_console(table := StringIO()))
         judged = () if swept.judgement is None else swept.judgement.rows
         rows = tuple(results.rows())
-        return SweepResult(rows, swept.summary, study, table.getvalue().rstrip(), judged)
+        return SweepResult(rows, swept.summary, study, repr(swept), judged)
 
 
 def _require_taken(

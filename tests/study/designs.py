@@ -7,10 +7,9 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
-from validation.study.design import DesignRow
 from validation.study.rowfile import StudyRows
 from validation.study.run import run_design
-from validation.study.study import Study
+from validation.study.study import DesignRow, Study
 
 #: Sixteen walls of which four cannot be built (no rows), each a few milliseconds.
 WALLS = """

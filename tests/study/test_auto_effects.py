@@ -19,8 +19,7 @@ from tests.support.commands import command
 from validation import Case, InputError, compare, load_case
 from validation.study.comparison.scene import compared_runs
 from validation.study.effects.auto import EffectsDecision, decide_effects, require_wider
-from validation.study.effects.probe import Change, Quantities, change
-from validation.study.effects.switches import effects_of, has_effect
+from validation.study.effects.probe import Change, Quantities, change, effects_of, has_effect
 
 #: Finer than the probe's 12 × 2 × 4 elements, and still quick.
 MESH = ["assembly.layers=2", "mesh.around=24", "mesh.radial=2", "mesh.axial=6"]

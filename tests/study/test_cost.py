@@ -11,10 +11,9 @@ from typing import Any
 import pytest
 
 from validation import Case, InputError, load_case
+from validation.study import cost
 from validation.study import study as study_of_cases
-from validation.study.costs import study as cost
-from validation.study.costs.report import QUANTITIES, CostResult
-from validation.study.costs.study import cost_cases, run_cost
+from validation.study.cost import QUANTITIES, CostResult, cost_cases, run_cost
 from validation.study.rowfile import RowFile
 
 #: Cases of a quick study of one layer, in their order.

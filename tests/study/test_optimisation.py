@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from itertools import product
 from pathlib import Path
 from typing import Any
@@ -52,7 +53,7 @@ def test_rigid_pressures_are_proportional_to_the_load() -> None:
     result = sensitivity("tsb1-pipe", COARSE, parameters=["load.pressure"])
     values = {s.measure: s.elasticity for s in result.slopes}
     assert values == pytest.approx({"p_max": 1.0, "p_eff": 1.0, "volume": 0.0}, abs=1e-6)
-    assert "d volume / d load.pressure = none (no change)" in str(result)
+    assert re.search(r"load\.pressure .* none .* no change", str(result))
     # The error is that of the quotient: deformable blocks may have another sign.
     assert "deformable" in str(result)
 

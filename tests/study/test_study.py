@@ -28,11 +28,10 @@ from tests.support import endless
 from tests.support.coarse_tubes import keys
 from tests.support.commands import command
 from validation import InputError, load_case
-from validation.study.design import DesignRow
 from validation.study.rowfile import StudyRows, write_row_csv
 from validation.study.run import DaskRunner, LocalRunner, run_design, sweep
 from validation.study.scene_study import check_study, load_study
-from validation.study.study import Study
+from validation.study.study import DesignRow, Study
 
 
 @pytest.fixture
@@ -284,7 +283,7 @@ def tubes(tmp_path_factory) -> tuple[Study, Path]:
 def test_the_table_ranks_designs_and_ends_with_those_that_failed(tubes) -> None:
     from rich.console import Console
 
-    from validation.study.report import print_table
+    from validation.study.sweep import print_table
 
     study, path = tubes
     console = Console(width=400, record=True, file=io.StringIO())
@@ -334,7 +333,7 @@ def test_what_cannot_be_drawn_is_refused_before_the_work(tubes, axes, message) -
 
 
 def test_the_expected_time_is_printed_first_and_where_it_changes() -> None:
-    from validation.study.report import Expected
+    from validation.study.sweep import Expected
 
     def row(seconds: float, status: str = "ok") -> DesignRow:
         return DesignRow(0, status, "", {}, {}, seconds)

@@ -287,7 +287,7 @@ def compare(
         with solver_progress(case.name) as show:
             result = report.compare_answers(compared_runs(case, explicit=explicit, progress=show))
             result = result.why() if why else result
-        report.print_comparison(result, outputs.console)
+        result.print(outputs.console)
         outputs.tell_keys()
         peak = {"peak_memory_mb": peak_memory_mb()}
         data = {"scene": case.name, **result.as_dict(), **peak, **decision}

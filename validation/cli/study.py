@@ -60,7 +60,7 @@ def sweep(
     import logging
 
     from validation.output.outputs import Outputs
-    from validation.study import report
+    from validation.study import sweep as report
     from validation.study.picture import check_axes
     from validation.study.rowfile import StudyRows
     from validation.study.run import runner_for

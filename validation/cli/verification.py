@@ -72,21 +72,20 @@ def effects(
     """
     from validation.case import load_case, require_deformable
     from validation.output.console import following
-    from validation.study.effects import report
-    from validation.study.effects.costs import effect_costs
+    from validation.study.effects import costs as study
     from validation.study.rowfile import store_or_none
 
     file = load_case(scene, settings or ())
     require_deformable(file, "effects")
-    bound = report.bound(file, tolerance)
-    names = (report.PICTURE, "effects.jsonl")
+    bound = study.bound(file, tolerance)
+    names = (study.PICTURE, "effects.jsonl")
     with scene_outputs(file, json, output, names) as outputs:
         rows = None if outputs.folder is None else outputs.path(names[1])
         with following(file.name) as follow, store_or_none(rows) as store:
             plain = file.varied({"effects.auto": None})
-            costs = effect_costs(plain, store, tolerance=bound, told=follow)
-        outputs.console.print(report.effects_table(costs))
-        outputs.write("picture", names[0], lambda path: report.draw_effects(costs, path))
+            costs = study.effect_costs(plain, store, tolerance=bound, told=follow)
+        outputs.console.print(study.effects_table(costs))
+        outputs.write("picture", names[0], lambda path: study.draw_effects(costs, path))
         outputs.write_json(costs)
 
 
@@ -115,7 +114,7 @@ def cost(
     """
     from validation.case import load_case
     from validation.output.console import following
-    from validation.study.costs.study import coarsest_mesh, run_cost
+    from validation.study.cost import coarsest_mesh, run_cost
 
     file = load_case(scene, settings or ())
     coarsest_mesh(file)

@@ -8,6 +8,7 @@ from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from contextvars import ContextVar
+from io import StringIO
 from typing import IO, TYPE_CHECKING, Any, Protocol, TypeVar
 
 from rich.console import Console
@@ -97,6 +98,19 @@ def tabled(
         cells = (c.format_map(data) if isinstance(c, str) else c(row) for c in columns.values())
         table.add_row(*cells)
     return table
+
+
+class Printed:
+    """What has tables and words: `print` prints them, and so does the repr."""
+
+    def print(self, console: Console) -> None:
+        """Print all."""
+        raise NotImplementedError
+
+    def __repr__(self) -> str:
+        """Return what `print` prints."""
+        self.print(plain_console(text := StringIO()))
+        return text.getvalue().rstrip()
 
 
 def duration_words(seconds: float) -> str:

@@ -16,9 +16,8 @@ from validation.errors import InputError
 from validation.output.answer_files import answer_of_data
 from validation.output.console import listing
 from validation.output.files import write_csv
-from validation.study.design import Quantity
 from validation.study.run import answered
-from validation.study.study import CaseStudy
+from validation.study.study import CaseStudy, Quantity
 
 
 def combination_cases(file: Case) -> dict[str, Case]:

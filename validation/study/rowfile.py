@@ -33,8 +33,7 @@ from validation.errors import InputError
 from validation.output.files import prepare_file, program
 from validation.output.files import write_csv as write_table
 from validation.scene.read import read_text
-from validation.study.design import MEASURES, DesignRow
-from validation.study.study import Study
+from validation.study.study import MEASURES, DesignRow, Study
 
 #: What a line begins with, and what its digest stands behind.
 _BEGIN, _DIGEST = b'{"question": "', b', "digest": "'

@@ -30,9 +30,8 @@ from geometry.machine.system import (
     stop_signals,
 )
 from validation.errors import InputError
-from validation.study.design import DesignRow
 from validation.study.rowfile import StudyRows
-from validation.study.study import Study
+from validation.study.study import DesignRow, Study
 
 #: Most processes for each core.
 _MOST_WORKERS = 16

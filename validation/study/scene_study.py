@@ -35,8 +35,16 @@ from validation.scene.builtin import builtin_text
 from validation.scene.deformable import parse_share
 from validation.scene.keys.toml_text import flat, is_range, toml_value
 from validation.scene.read import apply_overrides, check_scene, read_text, scene_data
-from validation.study.design import COLUMNS, NO_COLUMN, Quantity
-from validation.study.study import Study, Value, data_digest, digests, value_text
+from validation.study.study import (
+    COLUMNS,
+    NO_COLUMN,
+    Quantity,
+    Study,
+    Value,
+    data_digest,
+    digests,
+    value_text,
+)
 
 #: More values of one parameter than this are a slip of the pen.
 _MOST_VALUES = 100_000

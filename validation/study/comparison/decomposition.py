@@ -37,18 +37,13 @@ _STIFF_RUNG = LADDER[1]
 _ELASTICITY = "with the scene's elasticity"
 
 
-def is_refined(answer: Answer) -> bool:
-    """Whether a static answer was solved on finer and finer meshes."""
-    return "accuracy" in answer.report
-
-
-def decompose(static: Answer) -> list[dict[str, Any]]:
+def decompose(static: Answer, *, refined: bool) -> list[dict[str, Any]]:
     """Steps from rigid blocks to a static answer, over the facets of the mesh of its problem.
 
     Of each in words what was changed, p_eff and p_max, the mean of the block maxima [MPa], and the
     effective elements [%].
 
-    Where the answer was refined, stiff blocks are solved with few elements of high degree. Steps
+    Where the answer is ``refined``, stiff blocks are solved with few elements of high degree. Steps
     that find no solution are left out (a clearance without elasticity may leave blocks that nothing
     places). The answer itself is the last step.
     """
@@ -68,7 +63,7 @@ def decompose(static: Answer) -> list[dict[str, Any]]:
     steps, store = [], FlexibilityStore()
     for words, task in tasks:
         try:
-            steps.append(_step(words, _solved(task, store, refined=is_refined(static))))
+            steps.append(_step(words, _solved(task, store, refined=refined)))
         except RefusedError:
             continue
     last = f"with the initial gaps{gap_words(problem)}" if opened else _ELASTICITY

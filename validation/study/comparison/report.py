@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from io import StringIO
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +13,7 @@ from rich.console import Console, RenderableType
 from geometry.answer import Answer, Measure
 from geometry.mesh import FloatArray, IntArray
 from validation.errors import InputError
-from validation.output.console import plain_console, tabled
+from validation.output.console import Printed, tabled
 from validation.output.pictures.assemblies import ring_panels, unrolled_panel
 from validation.output.pictures.bodies import PressedFacets, above_and_below, eye
 from validation.output.pictures.gallery import Panel, gallery, save_figure
@@ -39,29 +38,22 @@ FILES = (PICTURE, DATA, TEXT)
 
 
 @dataclass(frozen=True, repr=False)
-class Comparison(ComparedAnswers):
+class Comparison(ComparedAnswers, Printed):
     """Answers to one problem; the repr is its tables and its conclusion."""
 
     def draw(self, path: str | Path) -> None:
         """Draw the joints in the reference and how each other answer differs, as PNG."""
         _draw(self, Path(path))
 
-    def __repr__(self) -> str:
-        """Return tables and conclusion as text."""
-        text = StringIO()
-        print_comparison(self, plain_console(text))
-        return text.getvalue().rstrip()
+    def print(self, console: Console) -> None:
+        """Print both tables and the words."""
+        for part in _parts(self):
+            console.print(part)
 
 
 def compare_answers(answers: Sequence[Answer]) -> Comparison:
     """Compare answers to one problem on the contact facets that they share."""
     return Comparison(tuple(answers), shared_facets(answers))
-
-
-def print_comparison(compared: ComparedAnswers, console: Console) -> None:
-    """Print both tables and the words."""
-    for part in _parts(compared):
-        console.print(part)
 
 
 def _parts(compared: ComparedAnswers) -> Iterator[RenderableType]:

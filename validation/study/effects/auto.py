@@ -25,14 +25,17 @@ from validation.errors import InputError
 from validation.scene.deformable import EffectName
 from validation.study.effects.probe import (
     Change,
+    KeyChange,
     change,
+    effects_of,
+    key_changes,
     largest_slip_share,
     mesh_words,
     probe_of,
     quantities_of,
     solve_probe,
+    without_effect,
 )
-from validation.study.effects.switches import KeyChange, effects_of, key_changes, without_effect
 
 #: Part of the limit of work of an answer that its probes may take.
 SHARE = 1.0 / 3.0

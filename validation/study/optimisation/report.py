@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from io import StringIO
 from pathlib import Path
 from typing import Any
 
@@ -13,15 +12,15 @@ from rich.console import Console
 from rich.table import Table
 
 from geometry.answer import Measure
-from validation.output.console import plain_console, tabled
+from validation.output.console import Printed, tabled
 from validation.output.pictures.gallery import save_figure, subplots
 from validation.output.pictures.scales import BLUE, VERMILION
 from validation.study.optimisation.search import Point, Search, judged_finalists, run_search
 from validation.study.optimisation.statement import Optimisation
-from validation.study.report import cell, lines_of_head, overlap
 from validation.study.rowfile import StudyRows
 from validation.study.run import Runner
 from validation.study.study import Study
+from validation.study.sweep import cell, lines_of_head, overlap
 
 #: Rows of the table of a search.
 _SHOWN = 10
@@ -51,7 +50,7 @@ def optimise(
 
 
 @dataclass(frozen=True, repr=False)
-class SearchResult:
+class SearchResult(Printed):
     """Designs of a search; rows are those of a study, of several cases with the worst of each."""
 
     search: Search
@@ -164,11 +163,6 @@ class SearchResult:
         axes.legend(frameon=False)
         axes.set_title(f"{stated.study.title}; {len(self.search.points)} designs", loc="left")
         save_figure(figure, Path(path))
-
-    def __repr__(self) -> str:
-        """Return what `print` prints."""
-        self.print(plain_console(text := StringIO()))
-        return text.getvalue().rstrip()
 
 
 def _draw_front(search: Search, axes: Any) -> None:

@@ -14,10 +14,10 @@ from typing import Any
 
 from geometry.answer import title_of
 from validation.errors import InputError
-from validation.study.design import DesignRow
 from validation.study.optimisation.statement import Limit, Optimisation
 from validation.study.rowfile import StudyRows
 from validation.study.run import Runner, Tally, computed, sweep
+from validation.study.study import DesignRow
 
 Places = tuple[int, ...]
 #: Designs at random before the sampler learns, and those that all fail before a search ends.

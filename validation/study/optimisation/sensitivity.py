@@ -25,14 +25,13 @@ from geometry.errors import RefusedError
 from validation.case import Case, require_deformable
 from validation.errors import InputError, named
 from validation.output.answer_files import answer_of_data
-from validation.output.console import listing
+from validation.output.console import Printed, listing
 from validation.output.files import write_csv
 from validation.output.pictures.gallery import save_figure, subplots
 from validation.output.pictures.scales import BLUE, VERMILION
-from validation.study.design import DesignRow, Quantity
 from validation.study.rowfile import StudyRows
 from validation.study.run import computed, runner_for
-from validation.study.study import AnswerStudy, case_content, data_digest
+from validation.study.study import AnswerStudy, DesignRow, Quantity, case_content, data_digest
 
 Values = dict[str, Measure]
 #: Measures in the order of the table.
@@ -105,8 +104,8 @@ class Slope:
         return abs(self.error * self.value / self.base)
 
 
-@dataclass(frozen=True)
-class Sensitivity:
+@dataclass(frozen=True, repr=False)
+class Sensitivity(Printed):
     """Derivatives of all measures of a scene."""
 
     name: str
@@ -211,15 +210,6 @@ class Sensitivity:
         title = f"{self.name}, {blocks} blocks: {self.load}; what changes the results"
         figure.suptitle(title, x=0.02, ha="left", fontsize="medium")
         save_figure(figure, Path(path))
-
-    def __repr__(self) -> str:
-        """Return a line for each derivative."""
-        lines = [
-            f"d {s.measure} / d {s.parameter} = {_with_error(s.derivative, s.error)}"
-            + (f" ({s.remark})" if s.remark else "")
-            for s in self.slopes
-        ]
-        return "\n".join([*lines, f"± {self.covered}"])
 
 
 def _with_error(value: float | None, error: float) -> str:

@@ -29,7 +29,6 @@ from geometry.answer import FACTORS
 from validation.errors import InputError
 from validation.scene.keys.toml_text import flat
 from validation.scene.read import read_text
-from validation.study.design import COLUMNS, MEASURES
 from validation.study.scene_study import (
     MOST_DESIGNS,
     SceneStudy,
@@ -38,6 +37,7 @@ from validation.study.scene_study import (
     did_you_mean,
     parameter_values,
 )
+from validation.study.study import COLUMNS, MEASURES
 
 #: Steps of a real variable between its bounds: most, and fewest where there are many variables.
 _STEPS, _FEWEST = 100, 10
