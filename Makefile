@@ -10,6 +10,8 @@ OUT    ?= out/demo
 # The blocks are small dense problems: more BLAS threads cost time here.
 export OMP_NUM_THREADS ?= 1
 export MPLBACKEND ?= Agg
+# Bytecode is kept: without it each process of a test compiles all sources anew.
+unexport PYTHONDONTWRITEBYTECODE
 
 .PHONY: setup anew demo test thorough lowest processor check quick lint types floors spelling format bench frozen changes docs pages wheel clean
 
