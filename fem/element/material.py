@@ -9,11 +9,16 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
+from annotated_types import Gt, Lt
 
 from geometry.errors import RefusedError, is_number
 from geometry.mesh import FloatArray
+
+#: Above zero.
+Positive = Annotated[float, Gt(0)]
 
 #: Speed of sound √(E/ρ), slower than in wood across its grain, faster than in diamond [mm/s]: of
 #: constants in other units it is another one.
@@ -34,19 +39,19 @@ class Material:
         Density, modulus or radius not finite and positive, Poisson's ratio outside (-1, 0.5).
     """
 
-    density: float
+    density: Positive
     """[t/mm³]; steel 7.85e-9, concrete 2.4e-9."""
-    young_modulus: float
+    young_modulus: Positive
     """[MPa]"""
-    poisson_ratio: float
+    poisson_ratio: Annotated[float, Gt(-1), Lt(0.5)]
     """[-]"""
-    averaging_radius: float = 10.0
-    """Radius of the ball over which the averaged tension of an answer is taken [mm]: a length of
-    the material, such as its largest grain. No solver reads it."""
-    tensile_strength: float | None = None
-    """[MPa]; with it, static answers have the load factor at first cracking."""
-    compressive_strength: float | None = None
-    """[MPa]; with it, static answers have the load factor at first crushing."""
+    averaging_radius: Positive = 10.0
+    """Radius of the sphere for the averaged (non-local) maximum principal stress [mm]; for
+    concrete about the aggregate size."""
+    tensile_strength: Positive | None = None
+    """If given, static runs print the load factor at first cracking [MPa]."""
+    compressive_strength: Positive | None = None
+    """If given, static runs print the load factor at first crushing [MPa]."""
 
     def __post_init__(self) -> None:
         units = {"density": "t/mm³", "young_modulus": "MPa", "averaging_radius": "mm"}

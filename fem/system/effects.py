@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 from geometry.errors import RefusedError
 from geometry.mesh import FloatArray
+from geometry.parts.options import NonNegative
 
 #: Share of the critical time step that explicit runs take where nothing else is stated.
 SAFETY_FACTOR = 0.9
@@ -31,10 +32,10 @@ class RayleighDamping:
     The damping ratio of a mode is (mass_proportional / ω + stiffness_proportional · ω) / 2.
     """
 
-    mass_proportional: float | None = None
-    """Abaqus *DAMPING, ALPHA [1/s]; None: absent."""
-    stiffness_proportional: float | None = None
-    """Abaqus *DAMPING, BETA [s]; None: absent. Reduces the critical time step."""
+    mass_proportional: NonNegative | None = None
+    """α [1/s], Abaqus *DAMPING, ALPHA; by default absent."""
+    stiffness_proportional: NonNegative | None = None
+    """β [s], Abaqus *DAMPING, BETA; by default absent. Reduces the critical time step."""
 
     def __post_init__(self) -> None:
         for name in ("mass_proportional", "stiffness_proportional"):
@@ -51,9 +52,9 @@ PAPER_RAYLEIGH = RayleighDamping(mass_proportional=2.0, stiffness_proportional=1
 class BulkViscosity:
     """Bulk viscosity pressure of Abaqus/Explicit (see `fem.explicit.body`)."""
 
-    linear_bulk_viscosity: float = 0.06
+    linear_bulk_viscosity: NonNegative = 0.06
     """Fraction of critical damping of the dilatational mode of an element [-]."""
-    quadratic_bulk_viscosity: float = 1.2
+    quadratic_bulk_viscosity: NonNegative = 1.2
     """Acts in compression only; smears a shock over a few elements [-]."""
 
     def __post_init__(self) -> None:

@@ -31,10 +31,7 @@ from validation.build.materials import (
     laws_of_pairs,
 )
 from validation.errors import InputError, named
-from validation.scene.deformable import (
-    FemSection,
-    Method,
-)
+from validation.scene.deformable import FemSection
 from validation.scene.family import AssemblyScene, RoundScene, round_types
 from validation.scene.keys.idle import KeyUse
 from validation.scene.polyhedra import STRAIGHT_EDGES, PolyhedralScene
@@ -51,7 +48,7 @@ def _refuse(scene: DeformableScene, name: str) -> None:
             f"{name}: effects.auto is decided by `tubelock fem` and `compare`; here, write the "
             "effects that it names and remove effects.auto"
         )
-    if scene.fem.degree > 1 and scene.fem.method is not Method.STATIC:
+    if scene.fem.degree > 1 and scene.fem.method != "static":
         raise InputError(
             f'{name}: fem.degree: got {scene.fem.degree} with fem.method = "{scene.fem.method}"; '
             'explicit runs have elements of degree 1: expected 1, or fem.method = "static"'
@@ -129,7 +126,7 @@ def _element(scene: DeformableScene, assembly: Assembly) -> dict[str, Any]:
     fem = scene.fem
     stated = not fem.model_fields_set.isdisjoint(("degree", "element"))
     tetrahedra = any(shape.tetrahedra is not None for shape in assembly.shapes)
-    if stated or not tetrahedra or fem.method is not Method.STATIC:
+    if stated or not tetrahedra or fem.method != "static":
         return {"degree": fem.degree} if fem.degree > 1 else {"element": fem.element}
     from fem.accuracy.converge import usual_degree
 

@@ -19,6 +19,7 @@ from pydantic import (
 from pydantic.json_schema import JsonSchemaValue
 
 from fem.element.hexahedron import ElementType
+from fem.element.material import Material
 from fem.method import Explicit, Static
 from fem.system.effects import BulkViscosity, RayleighDamping
 from geometry.errors import is_number
@@ -38,7 +39,6 @@ from validation.scene.sections import (
     Finite,
     LimitsSection,
     NoAngle,
-    NonNegative,
     PicturesSection,
     PlausibilitySection,
     Positive,
@@ -86,7 +86,11 @@ MaterialName = Annotated[
 ]
 
 
-class MaterialSection(Section):
+_ABOUT = {"density": DENSITY, "young_modulus": YOUNG_MODULUS}
+_MaterialKeys: Any = section_of(Material, about=_ABOUT)
+
+
+class MaterialSection(_MaterialKeys):  # type: ignore[misc]
     """``[material]``: isotropic linear elasticity.
 
     ``material = "concrete"``, above the first section of a scene, is short for its constants.
@@ -94,19 +98,6 @@ class MaterialSection(Section):
 
     name: MaterialName | None = None
     """A material whose constants are known; those that the scene gives replace its own."""
-    density: Annotated[Positive, DENSITY]
-    """[t/mm³]"""
-    young_modulus: Annotated[Positive, YOUNG_MODULUS]
-    """[MPa]"""
-    poisson_ratio: Annotated[float, Field(gt=-1.0, lt=0.5, allow_inf_nan=False)]
-    """[-]"""
-    averaging_radius: Positive = 10.0
-    """Radius of the sphere for the averaged (non-local) maximum principal stress [mm]; for
-    concrete about the aggregate size."""
-    tensile_strength: Positive | None = None
-    """If given, static runs print the load factor at first cracking [MPa]."""
-    compressive_strength: Positive | None = None
-    """If given, static runs print the load factor at first crushing [MPa]."""
 
     @model_validator(mode="wrap")
     @classmethod
@@ -159,20 +150,16 @@ class NamedMaterialSection(MaterialSection):
         return section
 
 
-class RayleighSection(Section):
+_RayleighKeys: Any = section_of(RayleighDamping)
+_BulkViscosityKeys: Any = section_of(BulkViscosity)
+
+
+class RayleighSection(_RayleighKeys):  # type: ignore[misc]
     """``[effects.rayleigh]``: Rayleigh damping α M + β K; unlisted terms are inactive."""
 
-    mass_proportional: NonNegative | None = None
-    """α [1/s]"""
-    stiffness_proportional: NonNegative | None = None
-    """β [s]"""
 
-
-class BulkViscositySection(Section):
+class BulkViscositySection(_BulkViscosityKeys):  # type: ignore[misc]
     """``[effects.bulk_viscosity]``: as Abaqus/Explicit defines it."""
-
-    linear_bulk_viscosity: NonNegative = 0.06
-    quadratic_bulk_viscosity: NonNegative = 1.2
 
 
 class FrictionSection(Section):
@@ -256,13 +243,6 @@ class EffectsSection(Section):
         return result
 
 
-class Method(StrEnum):
-    """How a scene is solved."""
-
-    EXPLICIT = "explicit"
-    STATIC = "static"
-
-
 #: Methods by their names.
 METHODS: Mapping[str, type[Static | Explicit]] = {"static": Static, "explicit": Explicit}
 
@@ -277,7 +257,7 @@ _FemKeys: Any = section_of(Static, Explicit, about={"end_time": END_TIME}, absen
 class FemSection(_FemKeys):  # type: ignore[misc]
     """``[fem]``: finite-element analysis of deformable blocks, static or explicit."""
 
-    method: Method = Method.STATIC
+    method: Literal["explicit", "static"] = "static"
     element: ElementType = ElementType.INCOMPATIBLE
     degree: Annotated[int, Field(ge=1, le=4)] = 1
     """Of the elements: 2, 3 or 4 for static runs, on the exact shape of blocks that have one."""
@@ -299,7 +279,7 @@ class FemSection(_FemKeys):  # type: ignore[misc]
     @property
     def words(self) -> str:
         """How the blocks are solved."""
-        return str(self.method)
+        return self.method
 
     @model_validator(mode="after")
     def _keys_of_its_method(self) -> Self:

@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, ClassVar, Literal
 import numpy as np
 from pydantic import Field, model_validator
 
-from validation.scene.deformable import Method
 from validation.scene.family import AssemblyScene, family
 from validation.scene.keys.docstrings import SIZE
 from validation.scene.sections import Finite, Section, Vector, vector_words
@@ -81,7 +80,7 @@ class BoxScene(AssemblyScene):
                 f'fem.symmetry: got "{self.fem.symmetry}", which is one of tubes; expected "auto" '
                 "or nothing"
             )
-        if self.initial is not None and self.fem.method is Method.STATIC:
+        if self.initial is not None and self.fem.method == "static":
             raise ValueError(
                 'initial: got a motion beside fem.method = "static", which has none; remove it or '
                 'set fem.method = "explicit"'

@@ -14,7 +14,7 @@ from fem.state import State
 from geometry.errors import RefusedError
 from validation.case import Case, solve
 from validation.errors import InputError
-from validation.scene.deformable import EffectName, Method
+from validation.scene.deformable import EffectName
 from validation.scene.keys.toml_text import toml_value
 
 #: Effects that are on or off, without a value.
@@ -165,7 +165,7 @@ def probe_of(case: Case) -> Case:
     # Without a history of steps, other meshes or load factors, of which it tells nothing.
     once = {"mesh": "scene", "error_estimate": False, "load_steps": 1, "frames": 0}
     none = {"accuracy": None, "max_meshes": None, "max_work": None, "max_seconds": None}
-    static = case.varied({"fem": {"method": Method.STATIC, **once, **none}, "effects": still})
+    static = case.varied({"fem": {"method": "static", **once, **none}, "effects": still})
     static = static.varied({"material": dict.fromkeys(_STRENGTHS)})
     for factor in (1, 2, 4):
         coarse = _coarse_mesh(case, factor)
