@@ -15,6 +15,7 @@ from fem.explicit.solve import (
     Output,
     Progress,
     UnstableRun,
+    choose_time_step,
     run_explicit,
 )
 from fem.explicit.timed import TimedSystem
@@ -112,8 +113,8 @@ def solve_explicit(
 def check_explicit(problem: Problem, method: Explicit) -> Problem:
     """Return a problem with hexahedra; reject what no explicit run answers.
 
-    Errors are those of `solve_explicit` that are known before the run: not those of its critical
-    time step.
+    Errors are those of `solve_explicit` that are known before the run; `check_step` has those of
+    its critical time step.
     """
     problem = require_problem(problem)
     problem.require_action()
@@ -134,6 +135,18 @@ def check_explicit(problem: Problem, method: Explicit) -> Problem:
     )
     check_system(problem.deformable, method.symmetry)
     return problem
+
+
+def check_step(problem: Problem, method: Explicit) -> None:
+    """Reject a time step and a stick stiffness that are stated beyond what the run can take.
+
+    The critical time step is found for a stated one alone; the run finds it again.
+    """
+    stick = None if problem.coulomb is None else problem.coulomb.stick_stiffness
+    if stick is not None or method.time_step is not None:
+        stated = stated_run(problem, method)
+        if method.time_step is not None:
+            choose_time_step(stated.critical, method)
 
 
 def stated_run(problem: Problem, method: Explicit) -> TimedSystem:

@@ -141,9 +141,10 @@ class Case:
                 problem = check_static(problem, method)
                 require_held(problem)
             else:
-                from fem.dynamics import check_explicit
+                from fem.dynamics import check_explicit, check_step
 
                 problem = check_explicit(problem, method)
+                check_step(problem, method)
         return problem
 
     @property
