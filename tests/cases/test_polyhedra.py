@@ -183,27 +183,6 @@ def test_places_are_turned_about_any_axis_by_angles_that_mean_something(tmp_path
         assert "angle: got" in _refusal(scene)
 
 
-def test_scales_that_look_wrong_are_refused(tmp_path: Path) -> None:
-    path = tmp_path / "small.toml"
-    path.write_text('[block]\ntype = "cubes"\nedge = 0.2\n[assembly]\nrings = 0\n')
-    message = _refusal(path)
-    assert "a block measures 0.2 mm" in message
-    assert "metres" in message
-
-    metres = [
-        f"block.{key}={value}"
-        for key, value in (
-            ("height", 0.2),
-            ("amplitude", 0.02),
-            ("inner_radius", 0.12),
-            ("thickness", 0.04),
-        )
-    ]
-    tube = load_case("tsb1-pipe", [*metres, "mesh.around=12", "mesh.radial=2", "mesh.axial=2"])
-    with pytest.raises(RefusedError, match="in metres, multiply by 1000"):
-        _ = tube.problem
-
-
 def test_other_commands_know_these_scenes(tmp_path: Path) -> None:
     picture = tmp_path / "layer.png"
     words = ("show", "cubes", "--set", "assembly.rings=0", "-o", str(picture))

@@ -85,6 +85,8 @@ def _names() -> Names:
     quads = [[0, 3, 2, 1], [4, 5, 6, 7], [0, 1, 5, 4], [1, 2, 6, 5], [2, 3, 7, 6], [3, 0, 4, 7]]
     low, high = ((100.0 * cube + [0.0, 0.0, z], quads) for z in (0.0, 100.0))
     box = {"block": {"type": "box", "size": [100.0, 50.0, 40.0]}, "mesh": {"divisions": [2, 1, 1]}}
+    search = {"scene": "tsb1-pipe", "minimise": "p_max", "evaluations": 6}
+    search |= {"variables": {"block.amplitude": [10, 20]}}
     solids = geometry.Assembly.from_blocks([low, high], fixed=[0])
     return Names(locals() | {"np": np, "replace": replace})
 

@@ -22,7 +22,7 @@ from fem.system.effects import SAFETY_FACTOR
 from tests.support.coarse_tubes import coarse
 from tests.support.decks import exported
 from tests.support.fem_problems import loaded_nodes
-from validation import InputError, load_case
+from validation import load_case
 
 pytestmark = pytest.mark.quick
 
@@ -327,9 +327,3 @@ def test_meshes_alone_are_no_decks(tubelock) -> None:
     assert "line 4: the file ends without a *Step" in err
     Path("b.inp").write_bytes(b"*Heading\ntubelock 0, scene \xff\xfe\n")
     assert tubelock("deck", "b.inp")[0] == 2
-
-
-def test_initial_motion_needs_an_explicit_step() -> None:
-    """A static scene refuses it at the door, so no deck can lose it."""
-    with pytest.raises(InputError, match="initial: got a motion"):
-        load_case("spinning-block", ["fem.method=static"])

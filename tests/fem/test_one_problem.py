@@ -16,7 +16,7 @@ from geometry import ColumnBox, RefusedError, box_column
 from geometry.loads import face_pressure
 from tests.support.coarse_tubes import coarse
 from tests.support.fem_problems import deformable_assembly
-from validation import InputError, load_case, solve
+from validation import load_case, solve
 
 COARSE = coarse(2, 2, 2)
 CONCRETE = Material(density=2.4e-9, young_modulus=33_000.0, poisson_ratio=0.2)
@@ -50,13 +50,6 @@ def test_the_table_for_calculix_is_moved_by_the_clearance() -> None:
     problem = load_case("tsb1-pipe", [*COARSE, "contact.clearance=0.01"]).problem
     deck = problem_deck(problem, Flavour.CALCULIX)
     assert "moved by the clearance" in " ".join(deck.notes)
-
-
-def test_the_key_that_meant_two_things_is_refused_with_what_to_write() -> None:
-    with pytest.raises(InputError) as refused:
-        load_case("tsb1-pipe", ["contact.initial_clearance=0.01"])
-    assert "contact.clearance = 0.01" in str(refused.value)
-    assert "contact.spacing = 0.01" in str(refused.value)
 
 
 def weighing_column() -> System:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -21,7 +20,6 @@ from mbd.contacts.friction import frictional_contacts
 from mbd.equilibrium import frictional_equilibrium
 from mbd.limits.force_range import force_ranges
 from mbd.limits.plane import in_space
-from tests.support.commands import command
 from validation import Case, load_case, solve
 
 FRICTION = 0.3
@@ -150,13 +148,6 @@ def test_steps_far_longer_than_the_contact_law_are_taken() -> None:
     assert far.result.converged
     assert far.curve.displacements[-1] == pytest.approx(2.0, rel=1e-12)
     assert 0.0 < far.curve.peak[0] < 0.01 * 4800.0
-
-
-@pytest.mark.quick
-def test_comparing_a_push_names_the_commands_that_answer_it() -> None:
-    status, _, said = command("compare", "pushed-panel")
-    assert (status, said.count("\n")) == (2, 1)
-    assert re.search(r"load\.push: .* `tubelock mbd` prints the limit", said)
 
 
 @pytest.mark.quick

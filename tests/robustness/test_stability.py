@@ -8,7 +8,6 @@ from pathlib import Path
 import pytest
 
 from tests.support.commands import command
-from validation import InputError
 from validation.stability.case import CaseVerdict, case_verdict, rejected
 from validation.stability.report import run_case
 from validation.stability.suite import cases, chosen
@@ -127,8 +126,3 @@ def test_the_list_is_written_where_json_is_asked(tmp_path: Path) -> None:
     listed = json.loads(file.read_text())["cases"]
     assert [case["name"] for case in listed] == [case.name for case in chosen(["contact-law"])]
     assert all(case["law"] for case in listed)
-
-
-def test_unknown_case_is_refused() -> None:
-    with pytest.raises(InputError, match="--only: got 'nonsense'"):
-        chosen(["nonsense"])

@@ -236,13 +236,6 @@ def test_meshes_that_do_not_match_are_probed() -> None:
     assert "do not match" in sliding.reason
 
 
-def test_a_scene_without_a_static_state_cannot_be_probed() -> None:
-    # The load pushes the flat bricks out: a mechanism.
-    bricks = ("mesh.divisions=[2,1,1]", "assembly.columns=2", "assembly.layers=1")
-    with pytest.raises(InputError, match=r"remove effects\.auto, and every effect acts as written"):
-        decided(load_case("brick-stack", [*bricks, "effects.auto=0.01", "contact.clearance=0.01"]))
-
-
 # ---------------------------------------------------------------------------------------------
 # Weight in static runs
 

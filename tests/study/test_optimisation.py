@@ -117,12 +117,6 @@ def test_derivatives_go_on_from_the_rows_that_are_left(tmp_path: Path) -> None:
         assert len(store.read_bytes().splitlines()) == len(lines) + 1  # a line was cut
 
 
-def test_a_parameter_that_is_no_number_is_rejected() -> None:
-    """One line with the numbers that there are."""
-    with pytest.raises(InputError, match=r"block\.type: got 'sine', expected a number"):
-        sensitivity("tsb1-pipe", COARSE, parameters=["block.type"])
-
-
 @pytest.mark.slow
 def test_a_search_of_all_designs_finds_the_best_and_goes_on(tmp_path: Path) -> None:
     """The best is that of the study of all; a second call computes nothing again."""
@@ -168,26 +162,6 @@ def test_designs_that_cannot_be_built_do_not_end_a_search() -> None:
     assert len(failed) == 6
     assert all("2 f whole" in row["message"] for row in failed)
     assert result.best[0]["block.frequency"] == 1.5
-
-
-@pytest.mark.parametrize(
-    ("changed", "words"),
-    [
-        ({"variables": {"block.amplitud": [1.0, 2.0]}}, "did you mean 'amplitude'"),
-        ({"variables": {"block.amplitude": {"from": 20, "to": 10}}}, "from below to"),
-        ({"minimise": "beauty"}, "got 'beauty', expected one of"),
-        ({"limits": {"cracking_factor": {"least": 1.0}}}, "no measure of this search"),
-        ({"limits": {"crushing_factor": {"least": 1.0}}}, "needs material.compressive_strength"),
-        ({"limits": {"castable": True}}, "limits.least_wall"),
-        ({"evaluation": 3}, "did you mean 'evaluations'"),
-    ],
-)
-def test_bad_searches_are_rejected_in_one_line(changed: dict[str, Any], words: str) -> None:
-    """What was got, what is expected."""
-    with pytest.raises(InputError) as error:
-        check_optimisation(stated(**changed))
-    assert words in str(error.value)
-    assert "\n" not in str(error.value)
 
 
 def test_the_front_of_two_measures_is_that_of_all_points() -> None:

@@ -102,26 +102,6 @@ def test_the_half_block_study_is_its_designs_of_f_2_turned_otherwise() -> None:
     assert (mine.block, mine.mesh, mine.load) == (other.block, other.mesh, other.load)
 
 
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        ({"parameters": {"block.amplitude": 3}}, "belongs in [settings]"),
-        ({"parameters": {}}, "name at least one parameter"),
-        ({"scene": "tsb1-pip"}, "did you mean tsb1-pipe"),
-        ({"scene": 3}, "expected a scene"),
-        ({"accuracy": "10%"}, "rigid designs have no error bars"),
-        ({"accuracy": 10, "quantity": "fem"}, "accuracy: got 10, expected a share"),
-        ({"parameter": {}}, "did you mean 'parameters'"),
-    ],
-)
-def test_bad_studies_are_refused_in_one_line(change, message) -> None:
-    data = {"scene": "tsb1-pipe", "parameters": {"block.amplitude": [10, 20]}} | change
-    with pytest.raises(InputError) as refusal:
-        check_study(data, "s")
-    assert message in str(refusal.value)
-    assert "\n" not in str(refusal.value)
-
-
 def test_equal_studies_have_equal_digests_whatever_their_files_look_like(walls, tmp_path) -> None:
     (tmp_path / "again.toml").write_text(
         WALLS.replace(
@@ -247,11 +227,6 @@ def test_a_deformable_design_keeps_the_mesh_that_it_states(settings) -> None:
     assert row.results["n_elements"] % blocks == 0
     # The coarse mesh is what was asked: its error bars are as wide as they are.
     assert row.results["p_max_point_error"] > 0.1 * row.results["p_max_point"]
-
-
-def test_an_accuracy_of_one_mesh_is_refused_before_any_design() -> None:
-    with pytest.raises(InputError, match="which is one mesh"):
-        deformable(settings=COARSE | {"fem.mesh": "scene"}, accuracy=0.1)
 
 
 def test_the_accuracy_is_part_of_the_question() -> None:
