@@ -17,8 +17,7 @@ from validation.scene.combinations import combined
 from validation.scene.deformable import METHODS
 from validation.scene.family import RoundScene
 from validation.scene.keys.idle import KeyUse
-from validation.scene.keys.numbers import Number, numbers_in
-from validation.scene.keys.quantities import unit_of_key
+from validation.scene.keys.quantities import Number, numbers_in, unit_of_key
 from validation.scene.keys.toml_text import flat, toml_value
 from validation.scene.read import (
     DeformableScene,

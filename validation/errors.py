@@ -195,16 +195,20 @@ _ELSEWHERE = {
 }
 
 
-def places_of(key: str, model: type[BaseModel], above: str = "") -> Iterator[str]:
-    """Dotted places of a scene at which a key of that name stands, tables in lists left out."""
+def key_places(model: type[BaseModel], above: str = "") -> Iterator[str]:
+    """``section.key`` of all keys of a scene, tables in lists left out."""
     for name, field in model.model_fields.items():
-        place = f"{above}{name}"
-        inner = field.annotation
+        place, inner = f"{above}{name}", field.annotation
         sections = [kind for kind in (inner, *get_args(inner)) if hasattr(kind, "model_fields")]
-        if name == key and above:
+        if above:
             yield place
-        elif sections and get_origin(inner) not in (tuple, list, dict):
-            yield from places_of(key, sections[0], f"{place}.")
+        if sections and get_origin(inner) not in (tuple, list, dict):
+            yield from key_places(sections[0], f"{place}.")
+
+
+def place_of(key: str, model: type[BaseModel]) -> str | None:
+    """First place of a scene at which a key of that name stands; None where there is none."""
+    return next((place for place in key_places(model) if place.endswith(f".{key}")), None)
 
 
 def _unknown_key(path: tuple[int | str, ...], model: type[BaseModel]) -> str:
@@ -212,7 +216,7 @@ def _unknown_key(path: tuple[int | str, ...], model: type[BaseModel]) -> str:
     place, key = ".".join(str(k) for k in path), str(path[-1])
     if len(path) > 1 and key in model.model_fields:
         return f"unknown key {place}: {key} stands above the first [section] of a scene"
-    there = _ELSEWHERE.get(key) or next(places_of(key, model), None)
+    there = _ELSEWHERE.get(key) or place_of(key, model)
     if there is not None and there != place:
         return f"unknown key {place}: did you mean {there}?"
     known = _known_keys(model, path[:-1])

@@ -19,7 +19,7 @@ from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 from pydantic_core import PydanticUndefined
 
-from validation.scene.keys.docstrings import field_docstrings
+from validation.scene.keys.quantities import field_docstrings
 
 #: A unit in brackets; a section in backticks is none.
 _UNIT = re.compile(r"\s*(?<!`)\[([^\]\[]{1,12})\](?!`)")

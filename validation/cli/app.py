@@ -15,7 +15,7 @@ from typer.core import TyperCommand, TyperGroup, TyperOption
 
 from validation.cli import analysis, decks, paper, scenes, study, verification
 from validation.cli.options import command
-from validation.errors import InputError, places_of, run_command
+from validation.errors import InputError, place_of, run_command
 
 
 class Command(TyperCommand):
@@ -40,7 +40,7 @@ def described(command: Any) -> Any:
     """Return a command with the help of its options that set fields of a method."""
     place = getattr(command.callback, "help_of", None)
     if place is not None:
-        from validation.scene.keys.docstrings import words_of_fields
+        from validation.scene.keys.quantities import words_of_fields
 
         words = words_of_fields(*place)
         for option in command.params:
@@ -55,7 +55,7 @@ def _refuse_key(option: str, value: str) -> None:
 
     key = option.removeprefix("--").replace("-", "_")
     for model in SCENE_TYPES.values():
-        place = next(places_of(key, model), None)
+        place = place_of(key, model)
         if place is not None:
             raise InputError(
                 f"{option}: no such option; keys of a scene are set by --set {place}="

@@ -1,17 +1,18 @@
-"""Options that several or all commands share."""
+"""Options that several or all commands share, and how shells complete their values."""
 
 from __future__ import annotations
 
 import functools
 import inspect
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from validation.cli.completion import complete_effects, complete_scenes, complete_settings
-from validation.errors import NOT_REACHED, InputError
+from validation.errors import NOT_REACHED, InputError, key_places
+from validation.scene.builtin import builtin_names
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -19,6 +20,53 @@ if TYPE_CHECKING:
     from geometry.answer import Answer
     from validation.case import Case, Method
     from validation.output.outputs import Outputs
+
+
+# ---------------------------------------------------------------------------------------------
+# Completion: the shell runs this at every TAB, so imports are deferred until they are needed
+
+
+def complete_scenes(incomplete: str) -> list[str]:
+    """Names of built-in scenes; the shell offers files by itself where none fits."""
+    return [name for name in builtin_names() if name.startswith(incomplete)]
+
+
+def complete_studies(incomplete: str) -> list[str]:
+    """Names of built-in studies."""
+    return [name for name in builtin_names("study") if name.startswith(incomplete)]
+
+
+def complete_effects(incomplete: str) -> list[str]:
+    """Names of effects that can be decided."""
+    from validation.scene.deformable import EffectName
+
+    return [name for name in EffectName if name.startswith(incomplete)]
+
+
+def complete_flavours(incomplete: str) -> list[str]:
+    """Flavours of decks."""
+    return [word for word in ("general", "standard", "calculix") if word.startswith(incomplete)]
+
+
+def complete_settings(ctx: Any, incomplete: str) -> list[str]:
+    """Keys that the scene on the command line may have, as ``section.key=``."""
+    keys = _keys_of(ctx.params.get("scene"))
+    return [f"{key}=" for key in keys if key.startswith(incomplete)]
+
+
+def _keys_of(scene: str | None) -> list[str]:
+    """All keys of one kind of scene; of every kind where the scene is not known."""
+    from validation.scene.read import SCENE_TYPES, scene_data
+
+    kinds = list(SCENE_TYPES.values())
+    if scene is not None:
+        with suppress(InputError, KeyError, TypeError):
+            kinds = [SCENE_TYPES[scene_data(scene)[1]["block"]["type"]]]
+    return sorted({key for kind in kinds for key in key_places(kind)})
+
+
+# ---------------------------------------------------------------------------------------------
+# Options
 
 SceneArgument = Annotated[
     str,

@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from validation.cli.completion import complete_scenes
 from validation.cli.options import (
     JsonOption,
     SceneArgument,
     SetOption,
+    complete_scenes,
     exit_by,
     method_options,
 )

@@ -9,13 +9,13 @@ from typing import Annotated, Literal
 
 import typer
 
-from validation.cli.completion import complete_studies
 from validation.cli.options import (
     JsonOption,
     SceneArgument,
     SchedulerOption,
     SetOption,
     WorkersOption,
+    complete_studies,
     scene_outputs,
 )
 from validation.errors import InputError

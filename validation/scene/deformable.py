@@ -26,7 +26,7 @@ from geometry.errors import is_number
 from geometry.parts.options import OptionError
 from mbd.options import Rigid, Stages
 from validation.errors import InputError
-from validation.scene.keys.docstrings import (
+from validation.scene.keys.quantities import (
     ACCELERATION,
     DENSITY,
     END_TIME,

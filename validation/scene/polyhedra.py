@@ -8,7 +8,7 @@ from pydantic import Field
 
 from geometry.polyhedra.options import DetectionOptions
 from validation.scene.family import FamilyScene
-from validation.scene.keys.docstrings import ACCELERATION
+from validation.scene.keys.quantities import ACCELERATION
 from validation.scene.sections import Positive, Section, Vector, section_of, unset, vector_words
 from validation.scene.supports import PushSection
 

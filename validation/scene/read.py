@@ -27,7 +27,7 @@ from validation.errors import InputError, one_line
 from validation.scene.builtin import builtin_names, builtin_text
 from validation.scene.deformable import METHODS, keys_of_other
 from validation.scene.family import FAMILIES, AssemblyScene, FamilyScene
-from validation.scene.keys.docstrings import YOUNG_MODULUS, Range, ranges
+from validation.scene.keys.quantities import YOUNG_MODULUS, Range, ranges
 from validation.scene.polyhedra import PolyhedralScene
 
 #: A value with a decimal comma, which is no TOML.

@@ -25,15 +25,18 @@ from geometry.loads import CASES
 from geometry.parts.options import option_fields
 from mbd.options import ORDER, Rigid, Stages, is_order
 from validation.errors import InputError, one_line
-from validation.scene.keys.docstrings import (
+from validation.scene.keys.quantities import (
     CLEARANCE,
     FRICTION,
     OF_LAWS,
     PRESSURE,
+    Unit,
+    converted,
     field_docstrings,
     leaves,
+    parse_unit,
+    unit_of,
 )
-from validation.scene.keys.quantities import Unit, converted, parse_unit, unit_of
 
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 NonNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]

@@ -7,7 +7,7 @@ from typing import Annotated, Literal, get_args
 
 from pydantic import Field, field_validator, model_validator
 
-from validation.scene.keys.docstrings import PRESSURE
+from validation.scene.keys.quantities import PRESSURE
 from validation.scene.sections import Finite, Positive, Section, Vector, vector_words
 
 Axis = Literal["x", "y", "z"]

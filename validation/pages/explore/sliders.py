@@ -10,7 +10,7 @@ from typing import Any
 from geometry.loads import CASES
 from validation.case import Case
 from validation.errors import InputError
-from validation.scene.keys.numbers import Number
+from validation.scene.keys.quantities import Number
 
 #: Sections whose numbers have sliders.
 _SECTIONS = ("block", "assembly", "load", "loads", "limits")

@@ -8,7 +8,7 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from validation.scene.family import AssemblyScene, family
-from validation.scene.keys.docstrings import SIZE
+from validation.scene.keys.quantities import SIZE
 from validation.scene.sections import Finite, Section, Vector, vector_words
 
 if TYPE_CHECKING:

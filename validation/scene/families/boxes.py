@@ -8,7 +8,7 @@ from pydantic import Field
 
 from geometry.families.boxes import ColumnBox
 from validation.scene.family import FAMILIES, AssemblyScene
-from validation.scene.keys.docstrings import PRESSURE, SIZE
+from validation.scene.keys.quantities import PRESSURE, SIZE
 from validation.scene.sections import Finite, Section, fewer, section_of, unset
 
 if TYPE_CHECKING:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from validation.scene.family import family
-from validation.scene.keys.docstrings import SIZE
+from validation.scene.keys.quantities import SIZE
 from validation.scene.polyhedra import PolyhedralScene
 
 for _kind, _shape, _assembly in (

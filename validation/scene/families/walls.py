@@ -1,10 +1,11 @@
-"""Planar walls: of Sine Blocks before their cylinder map, and of osteomorphic blocks."""
+"""Planar walls: of Sine Blocks before their cylinder map, of osteomorphic blocks, of bricks."""
 
 from __future__ import annotations
 
 from typing import Any
 
 from validation.scene.family import WallScene, family
+from validation.scene.keys.quantities import SIZE
 
 
 def _as_built_in(block: Any) -> dict[str, Any]:
@@ -27,4 +28,13 @@ family(
     assembly="columns layers",
     mesh="divisions",
     default={"divisions": (24, 12, 8)},
+)
+family(
+    WallScene,
+    "brick",
+    "geometry.families.boxes:BrickStack",
+    assembly="columns layers",
+    mesh="divisions",
+    default={"divisions": (8, 4, 4)},
+    about={"size": SIZE},
 )

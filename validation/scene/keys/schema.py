@@ -7,8 +7,7 @@ from typing import Any
 from pydantic import TypeAdapter
 from pydantic.json_schema import GenerateJsonSchema, JsonSchemaValue
 
-from validation.scene.keys.docstrings import field_docstrings
-from validation.scene.keys.quantities import unit_of
+from validation.scene.keys.quantities import field_docstrings, unit_of
 from validation.scene.read import SCENE_TYPES
 
 #: Version of the schema's dialect that editors of TOML know.
