@@ -37,7 +37,7 @@ _BOXES = {"base": cuboid((0, 0, 0), (100, 100, 50)), "top": cuboid((0, 0, 50), (
         ("[[sections]]\nblocks = []\npoint = [0, 0, 60]\nnormal = [0, 0, 1]", "sections.0.blocks"),
         ("[[supports]]\nplane = {z = 0}\nmove = [0, 0, 1]\npath = [[0, 0]]", "two rows at least"),
         ("[[supports]]\nplane = {z = 0}\nmove = [0, 0, 1]\npath = [[0, 1], [1, 1]]", "share of 0"),
-        ("[[supports]]\nblocks = [-1]\nplane = {z = 0}", "supports.0.blocks.0.constrained-int"),
+        ("[[supports]]\nblocks = [-1]\nplane = {z = 0}", "supports.0.blocks.0: got -1"),
         ("[detection]\ntolerance = 1e-40", "or more"),
     ],
 )
