@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, replace
 from typing import TYPE_CHECKING, Any, cast
@@ -20,6 +19,7 @@ from geometry.answer import (
     place,
 )
 from geometry.assembly import Assembly
+from geometry.compilation.clocks import Stopwatch, timed_stages
 from geometry.errors import RefusedError
 from geometry.loads import LoadCase
 from geometry.machine.system import one_thread_of_blas
@@ -36,7 +36,7 @@ from geometry.parts.measures import (
     sections_through_joints,
 )
 from geometry.parts.placed import AnyBlocks, PlacedBlocks
-from geometry.parts.rows import Notes, Part, Row
+from geometry.parts.rows import Notes, Part, Row, plain
 from geometry.parts.supports import HeldFace
 from geometry.polyhedra.options import CROSSING_EDGES, STANDING_CORNER
 from mbd.contacts.jacobian import contact_jacobian
@@ -143,20 +143,19 @@ def analyse(
             "case as load="
         )
     stated, method = as_statement(problem, load), method or Rigid()
-    tell, laps = progress or (lambda _: None), _Laps()
-    check(stated, method)
-    laps.end("interfaces")
-    parts = _construction(stated, method, tell)
-    laps.end("parts" if parts else None)
-    with (
-        one_thread_of_blas(),
-        budget(method.max_work, clock(method.max_seconds), method.max_memory) as spent,
-    ):
-        laps.end(None)  # libraries that are loaded
-        result = _result(stated, method, tell, laps)
-    seconds = laps.seconds | {"total": sum(laps.seconds.values())}
+    tell = progress or (lambda _: None)
+    with timed_stages() as watch:
+        check(stated, method)
+        watch.lap("interfaces")
+        parts = _construction(stated, method, tell)
+        watch.lap("parts")
+        with (
+            one_thread_of_blas(),
+            budget(method.max_work, clock(method.max_seconds), method.max_memory) as spent,
+        ):
+            result = _result(stated, method, tell, watch)
     parts |= {**result.parts, "work": spent}
-    return _answer(stated, replace(result, parts=parts, cpu_seconds=seconds))
+    return _answer(stated, replace(result, parts=parts, cpu_seconds=watch.seconds()))
 
 
 def check(problem: RigidStatement, method: Rigid) -> None:
@@ -190,21 +189,6 @@ def check(problem: RigidStatement, method: Rigid) -> None:
 def _held(case: LoadCase) -> tuple[HeldFace, ...]:
     """Supports without those that push: their limit is found beside the answer."""
     return tuple(support for support in case.held if not support.is_push)
-
-
-class _Laps:
-    """CPU time of stages [s]."""
-
-    def __init__(self) -> None:
-        self.seconds: dict[str, float] = {}
-        self._last = time.process_time()
-
-    def end(self, stage: str | None) -> None:
-        """Count the time since the last stage to this one; None: to none."""
-        now = time.process_time()
-        if stage is not None:
-            self.seconds[stage] = self.seconds.get(stage, 0.0) + now - self._last
-        self._last = now
 
 
 def stages(
@@ -274,7 +258,7 @@ def _require_memory(stated: RigidStatement, method: Rigid) -> None:
 
 
 def _result(
-    problem: RigidStatement, method: Rigid, tell: Callable[[str], None], laps: _Laps
+    problem: RigidStatement, method: Rigid, tell: Callable[[str], None], watch: Stopwatch
 ) -> RigidResult:
     """Classify rigid blocks, solve for their contact forces, and find what a method asks beside."""
     whole, case, weight = problem.rigid_blocks, problem.rigid_load, problem.rigid_weight
@@ -284,7 +268,7 @@ def _result(
     if not isinstance(whole, Assembly):
         faces = cast("PolyhedralAssembly", whole).bearing()
     system = RigidSystem(stated.on(faces), method, tell)
-    result = _judged(system, laps)
+    result = _judged(system, watch)
     parts = dict(result.parts)
     smooth, locked = result.equilibrium, result.supported_classification.locked
     if system.coulomb is None and smooth.holds and not locked:
@@ -296,7 +280,7 @@ def _result(
         parts["push_limit"] = _push(RigidSystem(pushed, method))
     if faces is not whole:
         tell("what edges and corners would add")
-        parts["edges_and_corners"] = _edges(stated, result, method)
+        parts["edges_and_corners"] = _edges(stated, result, method, watch)
         index = np.flatnonzero(cast("PolyhedralAssembly", whole).interfaces.bears)
         result = replace(result, blocks=whole, contact_index=index[result.contact_index])
     if problem.interference:
@@ -311,32 +295,32 @@ def _result(
         motion = placed_motion(whole, result.moving, ~result.load.fixed)
         proved = result.verdict.holds is False
         parts["motion"] = motion_of_blocks(whole, motion, weight, proved=proved)
-    laps.end(_BESIDE)
+    watch.lap(_BESIDE)
     return replace(result, parts=parts)
 
 
-def _judged(system: RigidSystem, laps: _Laps) -> RigidResult:
+def _judged(system: RigidSystem, watch: Stopwatch) -> RigidResult:
     """Classify an assembly and solve for its contact forces (Algorithm 1), with friction or not."""
     blocks, load = system.blocks, system.load
     system.tell(f"{int((~load.fixed).sum())} free blocks: equilibrium and mechanisms")
     _ = blocks.interfaces  # found once and kept: timed as a stage of its own
-    laps.end("interfaces")
+    watch.lap("interfaces")
     contacts, force = system.contacts, system.force
-    laps.end("jacobian")
+    watch.lap("jacobian")
     balance = system.frictionless
-    laps.end("equilibrium")
+    watch.lap("equilibrium")
     many = len(contacts.free_blocks) > MANY_BLOCKS
-    supported = framed = classify(contacts.jacobian, force, balance if many else None)
+    supported = framed = classify(contacts.jacobian, force, balance, many=many)
     if (load.fixed != blocks.fixed).any():
         held = contact_jacobian(blocks, supports=load.held)
         framed = classify(held.jacobian, held.rows(load.wrenches))
-    laps.end("mechanism")
+    watch.lap("mechanism")
     parts: dict[str, Part] = {}
     if system.coulomb is not None or system.method.asks_more:
         from mbd.results.parts import parts_of
 
         parts = parts_of(system)
-    laps.end(_BESIDE)
+    watch.lap(_BESIDE)
     return RigidResult(
         classification=framed,
         supported_classification=supported,
@@ -349,7 +333,7 @@ def _judged(system: RigidSystem, laps: _Laps) -> RigidResult:
     )
 
 
-def _edges(stated: Stated, faces: RigidResult, method: Rigid) -> EdgesAndCorners:
+def _edges(stated: Stated, faces: RigidResult, method: Rigid, watch: Stopwatch) -> EdgesAndCorners:
     """Judge the same blocks on all contacts, edges and corners included."""
     whole = cast("PolyhedralAssembly", stated.rigid_blocks)
     without = int((~whole.interfaces.bears).sum())
@@ -357,7 +341,7 @@ def _edges(stated: Stated, faces: RigidResult, method: Rigid) -> EdgesAndCorners
     # What no motion leaves cannot move with more contacts either.
     if not (faces.classification.locked and faces.supported_classification.locked):
         asked = replace(method, sliding=False, ranges=False, margin=False)
-        both = _judged(RigidSystem(stated, asked), _Laps())
+        both = _judged(RigidSystem(stated, asked), watch)
     factors = None
     if method.collapse:
         factors = _factor(faces), _factor(both)
@@ -416,7 +400,7 @@ def _sections(result: RigidResult, cut: Planes) -> SectionForces:
 
 def _paper(result: RigidResult) -> Measures | None:
     """The paper's measures, which are means over facets that match."""
-    return result.shown_measures if isinstance(result.blocks, Assembly) else None
+    return result.measures if isinstance(result.blocks, Assembly) else None
 
 
 def _measures(
@@ -456,12 +440,7 @@ def _report(result: RigidResult) -> Lazy[Any]:
             "mechanism": str(result.mechanism),
             "mechanism_as_supported": str(result.supported_classification.mechanism),
             "certificate": result.classification.as_json()["certificate"],
-            "equilibrium": {
-                "holds": balance.holds,
-                "residual": balance.residual,
-                "iterations": balance.iterations,
-                "status": balance.status,
-            },
+            "equilibrium": plain(balance, "holds", "residual", "iterations", "status"),
             "norm": str(result.norm),
             "answer": result.words,
             "carried": holds,
@@ -472,9 +451,7 @@ def _report(result: RigidResult) -> Lazy[Any]:
             "units": REPORT_UNITS,
             "rotation_length": result.blocks.characteristic_length,
             "free_blocks": np.flatnonzero(~result.load.fixed).tolist(),
-            "n_blocks": result.n_blocks,
-            "n_contacts": result.n_contacts,
-            "cpu_seconds": result.cpu_seconds,
+            **plain(result, "n_blocks", "n_contacts", "cpu_seconds"),
             **_solids(result),
         }
     )
@@ -492,7 +469,7 @@ def _solids(result: RigidResult) -> dict[str, Any]:
 
     return {
         "interlocked": result.classification.locked,
-        "largest_contact_force": largest(result.normal_forces),
+        "largest_contact_force": largest(result.contact_forces),
         "largest_patch_pressure": largest(result.patch_pressures),
         "n_patches": len(patches.areas),
         "n_points_without_area": sum(bare.values()),
@@ -526,7 +503,7 @@ def _contacts(carried: RigidResult) -> dict[str, Callable[[], Array]]:
     if isinstance(assembly, Assembly):
         areas = assembly.interfaces.areas[index]
         values: dict[str, Callable[[], Array]] = {
-            "pressure": lambda: carried.normal_forces / areas,
+            "pressure": lambda: carried.contact_forces / areas,
             "force": lambda: carried.forces,
         }
         return values | interface_contacts(assembly, index)
@@ -535,7 +512,7 @@ def _contacts(carried: RigidResult) -> dict[str, Callable[[], Array]]:
     if not len(patches.areas):
         return {}
     return {
-        "pressure": lambda: result.patch_pressures(index, carried.normal_forces),
+        "pressure": lambda: result.patch_pressures(index, carried.contact_forces),
         "force": lambda: result.of_patches(index, carried.forces),
         "area": lambda: patches.areas,
         "blocks": lambda: np.column_stack([patches.block_m, patches.block_s]),

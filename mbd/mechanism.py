@@ -22,6 +22,7 @@ import numpy as np
 import scipy.linalg
 
 from geometry.mesh import FloatArray, ReadOnlyArrays
+from geometry.parts.rows import plain
 from mbd.contacts.jacobian import ContactJacobian
 from mbd.equilibrium import (
     EQUILIBRIUM_TOLERANCE,
@@ -128,19 +129,11 @@ class Classification:
         """Return the class and its certificate as plain data."""
         certificate, data = self.certificate, None
         if isinstance(certificate, SelfStress):
-            data = {
-                "kind": "self-stress",
-                "smallest_force": float(certificate.forces.min()),
-                "residual": certificate.residual,
-                "smallest_singular_value": certificate.smallest_singular_value,
-            }
+            data = {"kind": "self-stress", "smallest_force": float(certificate.forces.min())}
+            data |= plain(certificate, "residual", "smallest_singular_value")
         elif isinstance(certificate, Mechanism):
-            data = {
-                "kind": "mechanism",
-                "virtual_displacement": certificate.virtual_displacement.tolist(),
-                "smallest_gap_rate": certificate.smallest_gap_rate,
-                "work": certificate.work,
-            }
+            names = ("virtual_displacement", "smallest_gap_rate", "work")
+            data = {"kind": "mechanism", **plain(certificate, *names)}
         return {"mechanism": str(self.mechanism), "certificate": data}
 
 
@@ -214,39 +207,40 @@ def _largest_singular_value(jacobian: ContactJacobian) -> float:
 
 
 def classify(
-    jacobian: ContactJacobian, load: FloatArray, known: Equilibrium | None = None
+    jacobian: ContactJacobian,
+    load: FloatArray,
+    known: Equilibrium | None = None,
+    *,
+    many: bool = False,
 ) -> Classification:
     """Mechanism class of an assembly under a load (n_rows,) [N], with a certificate.
 
-    ``known`` is its answer to the load, by whatever weights: what that proves is not proved again,
-    which saves most of the time where there are more than `MANY_BLOCKS`.
+    ``known`` is its answer to the load, by whatever weights: what that proves is not proved again.
+    Of ``many`` blocks a motion of one that the load opposes saves most of the time.
     """
     _, n_contacts = jacobian.shape
     ones = np.ones(n_contacts)
-    admissible: FloatArray
     if jacobian.n_motions == 0:  # supports hold all blocks
         return Classification(MechanismClass.LOCKED, SelfStress(ones, 0.0, 1.0))
     if n_contacts == 0:
-        admissible = _some_motion(jacobian)
-    else:
-        opposed = None if known is None else single_motion(jacobian, -load)
-        if known is not None and opposed is not None:
-            driven = known if known.decided else decided_equilibrium(jacobian, load)
-            return classify_opposed(jacobian, load, opposed, driven)
-        stress = jacobian.once(
-            "self-stress", lambda: decided_equilibrium(jacobian, jacobian.resultant(ones))
-        )
-        if not stress.decided:
-            return Classification(MechanismClass.UNDECIDED, None)
-        ratio, vector = jacobian.once(
-            "smallest singular pair", lambda: smallest_singular_pair(jacobian)
-        )
-        if stress.holds and ratio > RANK_TOLERANCE:
-            forces = 1.0 + stress.forces
-            residual = np.linalg.norm(jacobian.resultant(forces)) / np.linalg.norm(forces)
-            return Classification(MechanismClass.LOCKED, SelfStress(forces, float(residual), ratio))
-        admissible = vector if stress.mechanism is None else stress.mechanism
-    return _classify_unlocked(jacobian, load, admissible)
+        return _unlocked(jacobian, load, _some_motion(jacobian), known)
+    opposed = single_motion(jacobian, -load) if many else None
+    if opposed is not None:
+        return _unlocked(jacobian, load, opposed, known, opposed=True)
+    stress = jacobian.once(
+        "self-stress", lambda: decided_equilibrium(jacobian, jacobian.resultant(ones))
+    )
+    if not stress.decided:
+        return Classification(MechanismClass.UNDECIDED, None)
+    ratio, vector = jacobian.once(
+        "smallest singular pair", lambda: smallest_singular_pair(jacobian)
+    )
+    if stress.holds and ratio > RANK_TOLERANCE:
+        forces = 1.0 + stress.forces
+        residual = np.linalg.norm(jacobian.resultant(forces)) / np.linalg.norm(forces)
+        return Classification(MechanismClass.LOCKED, SelfStress(forces, float(residual), ratio))
+    motion = vector if stress.mechanism is None else stress.mechanism
+    return _unlocked(jacobian, load, motion, known)
 
 
 def single_motion(jacobian: ContactJacobian, load: FloatArray) -> FloatArray | None:
@@ -276,53 +270,35 @@ def single_motion(jacobian: ContactJacobian, load: FloatArray) -> FloatArray | N
     return None
 
 
-def decided_equilibrium(
-    jacobian: ContactJacobian,
-    load: FloatArray,
-    *,
-    weights: FloatArray | None = None,
-    start: FloatArray | None = None,
-) -> Equilibrium:
+def decided_equilibrium(jacobian: ContactJacobian, load: FloatArray) -> Equilibrium:
     """Equilibrium under a load or the mechanism it drives, by Newton's method where that decides.
-
-    Weights and start are those of `newton_equilibrium`.
 
     On degenerate contacts it may end without either; the interior point method is slower and
     seldom does.
     """
-    found = newton_equilibrium(jacobian, load, weights=weights, start=start)
+    found = newton_equilibrium(jacobian, load)
     return found if found.decided else equilibrium(jacobian, load, solver=Solver.CLARABEL)
 
 
-def _classify_unlocked(
-    jacobian: ContactJacobian, load: FloatArray, admissible: FloatArray
+def _unlocked(
+    jacobian: ContactJacobian,
+    load: FloatArray,
+    motion: FloatArray,
+    known: Equilibrium | None,
+    *,
+    opposed: bool = False,
 ) -> Classification:
-    driven = decided_equilibrium(jacobian, load)
+    """Class of an assembly with a mechanism, (n_rows,), which the load may be known to oppose."""
+    driven = known if known is not None and known.decided else decided_equilibrium(jacobian, load)
+    kind = MechanismClass.UNDECIDED
     if driven.mechanism is not None:
-        return Classification(
-            MechanismClass.ACTIVATED, as_mechanism(jacobian, driven.mechanism, load)
-        )
-    opposed = decided_equilibrium(jacobian, -load)
-    if not (driven.holds and opposed.decided):
-        return Classification(MechanismClass.UNDECIDED, as_mechanism(jacobian, admissible, load))
-    if opposed.mechanism is not None:
-        return Classification(
-            MechanismClass.SUPPRESSED, as_mechanism(jacobian, opposed.mechanism, load)
-        )
-    return Classification(MechanismClass.NEUTRAL, as_mechanism(jacobian, admissible, load))
-
-
-def classify_opposed(
-    jacobian: ContactJacobian, load: FloatArray, opposed: FloatArray, driven: Equilibrium
-) -> Classification:
-    """Class of an assembly with a mechanism, (n_rows,), that the load works against.
-
-    It proves that the assembly is not locked, and that the load opposes a mechanism; ``driven`` is
-    the equilibrium under the load.
-    """
-    if driven.mechanism is not None:
-        return Classification(
-            MechanismClass.ACTIVATED, as_mechanism(jacobian, driven.mechanism, load)
-        )
-    kind = MechanismClass.SUPPRESSED if driven.holds else MechanismClass.UNDECIDED
-    return Classification(kind, as_mechanism(jacobian, opposed, load))
+        kind, motion = MechanismClass.ACTIVATED, driven.mechanism
+    elif driven.holds and opposed:
+        kind = MechanismClass.SUPPRESSED
+    elif driven.holds:
+        against = decided_equilibrium(jacobian, -load)
+        if against.mechanism is not None:
+            kind, motion = MechanismClass.SUPPRESSED, against.mechanism
+        elif against.holds:
+            kind = MechanismClass.NEUTRAL
+    return Classification(kind, as_mechanism(jacobian, motion, load))

@@ -19,7 +19,7 @@ from geometry.parts.pairs import OfPairs, pair_values
 from geometry.parts.placed import AnyBlocks
 from mbd.contacts.jacobian import RigidContacts, contact_jacobian
 from mbd.equilibrium import Equilibrium, column_weights, equilibrium
-from mbd.options import Rigid
+from mbd.options import Rigid, Solver
 
 if TYPE_CHECKING:
     from mbd.contacts.friction import FrictionalContacts
@@ -149,15 +149,11 @@ class RigidSystem:
 
     @cached_property
     def frictionless(self) -> Equilibrium:
-        """Without friction; by a growing load where neither forces nor a mechanism are proved."""
-        if self.smooth.decided:
+        """Without friction; by a cone program where Newton's method proves nothing."""
+        if self.smooth.decided or self.method.solver is Solver.CLARABEL:
             return self.smooth
-        from mbd.contacts.friction import frictional_contacts
-        from mbd.loading import settled
-
-        contacts = frictional_contacts(self.blocks, self.contacts, 0.0)
-        rests = settled(self.smooth.with_tangents, contacts, self.force, self.weights)
-        return replace(rests, forces=rests.forces[:, 0])
+        solver, weights = Solver.CLARABEL, self.weights
+        return equilibrium(self.contacts.jacobian, self.force, solver=solver, weights=weights)
 
     @cached_property
     def frictional(self) -> FrictionalContacts:

@@ -29,6 +29,16 @@ def finite(value: float) -> float | None:
     return float(value) if isfinite(value) else None
 
 
+def plain(of: object, *names: str) -> dict[str, Any]:
+    """Attributes by name as plain data: lists of arrays, None for a number that is not finite."""
+    return {name: _plain(getattr(of, name)) for name in names}
+
+
+def _plain(value: Any) -> Any:
+    value = value.tolist() if hasattr(value, "tolist") else value
+    return finite(value) if isinstance(value, float) else value
+
+
 def first_of(words: Iterable[str], most: int) -> str:
     """The first of some words, and how many more there are."""
     every = list(words)

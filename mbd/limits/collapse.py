@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 
 from geometry.mesh import FloatArray
-from geometry.parts.rows import Row, finite
+from geometry.parts.rows import Row, finite, plain
 from mbd.contacts.friction import FrictionalContacts, RigidFrictionError
 from mbd.equilibrium import (
     EQUILIBRIUM_TOLERANCE,
@@ -81,16 +81,16 @@ class CollapseLoad:
 
     def as_json(self) -> dict[str, Any]:
         """Return plain data."""
-        return {
-            "factor": finite(self.factor),
-            "upper_bound": finite(self.upper_bound),
-            "never": bool(np.isinf(self.factor)),
-            "certified": self.certified,
-            "residual": self.residual,
-            "smallest_contact_work": self.smallest_contact_work,
-            "mechanism": by_block(self.mechanism),
-            "status": self.status,
-        }
+        names = (
+            "factor",
+            "upper_bound",
+            "certified",
+            "residual",
+            "smallest_contact_work",
+            "status",
+        )
+        never, mechanism = bool(np.isinf(self.factor)), by_block(self.mechanism)
+        return {**plain(self, *names), "never": never, "mechanism": mechanism}
 
 
 def collapse_load(contacts: FrictionalContacts, dead: FloatArray, live: FloatArray) -> CollapseLoad:

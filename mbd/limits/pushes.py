@@ -31,7 +31,7 @@ from geometry.mesh import FloatArray
 from geometry.parts.measures import first_largest
 from geometry.parts.placed import AnyBlocks
 from geometry.parts.regions import region_points
-from geometry.parts.rows import Row, finite, number
+from geometry.parts.rows import Row, finite, number, plain
 from geometry.parts.supports import HeldFace
 from mbd.contacts.jacobian import RigidContacts
 from mbd.contacts.supports import Guide, RigidSupportError
@@ -83,13 +83,7 @@ class Margin:
 
     def as_json(self) -> dict[str, Any]:
         """Return plain data."""
-        return {
-            "interlocked": self.interlocked,
-            "bearing_area": self.bearing_area,
-            "unasked": self.unasked,
-            "block": self.block,
-            "load": self.load,
-        }
+        return plain(self, "interlocked", "bearing_area", "unasked", "block", "load")
 
 
 def interlocking_margin(contacts: RigidContacts, work: Work | None = None) -> Margin:

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from geometry.mesh import FloatArray
-from geometry.parts.rows import Part, Row
+from geometry.parts.rows import Part, Row, plain
 from mbd.equilibrium import Equilibrium, by_block
 from mbd.limits.collapse import CollapseLoad, collapse_load
 from mbd.limits.force_range import ForceRanges, force_ranges
@@ -51,24 +51,13 @@ class Friction:
 
     def as_json(self) -> dict[str, Any]:
         """Return plain data."""
-        f = self.equilibrium
-        data: dict[str, Any] = {
-            "holds": f.holds,
-            "residual": f.residual,
-            "largest_normal_force": float(f.forces[:, 0].max(initial=0.0)) if f.holds else None,
-            "mechanism": by_block(f.mechanism),
-            "work": f.work,
-            "smallest_contact_work": f.smallest_contact_work,
-            "status": f.status,
-        }
-        if self.squeeze is not None:
-            blocks = None if self.squeeze.blocks is None else list(self.squeeze.blocks)
-            data["squeeze"] = {
-                "needed": self.squeeze.needed,
-                "blocks": blocks,
-                "least": self.squeeze.least if self.squeeze.needed else None,
-                "programs": self.squeeze.programs,
-            }
+        found, pressed = self.equilibrium, self.squeeze
+        largest = float(found.forces[:, 0].max(initial=0.0)) if found.holds else None
+        data = plain(found, "holds", "residual", "work", "smallest_contact_work", "status")
+        data |= {"largest_normal_force": largest, "mechanism": by_block(found.mechanism)}
+        if pressed is not None:
+            data["squeeze"] = plain(pressed, "needed", "blocks", "programs")
+            data["squeeze"]["least"] = pressed.least if pressed.needed else None
         return data
 
 

@@ -179,16 +179,6 @@ class RigidResult(ReadOnlyArrays):
         return len(self.contact_index)
 
     @property
-    def contact_forces(self) -> FloatArray:
-        """λ >= 0 without friction, (n_contacts,) [N]."""
-        return self.equilibrium.forces
-
-    @property
-    def contact_pressures(self) -> FloatArray:
-        """λ / A, (n_contacts,) [MPa]."""
-        return self.contact_forces / self.blocks.interfaces.areas[self.contact_index]
-
-    @property
     def friction(self) -> Friction | None:
         """What friction adds; None without it."""
         return cast("Friction | None", self.parts.get("friction"))
@@ -275,38 +265,37 @@ class RigidResult(ReadOnlyArrays):
         if self.friction is not None:
             given = self.friction.forces
             return np.zeros((self.n_contacts, 3)) if given is None else given
-        normals = self.blocks.interfaces.normals[self.contact_index]
-        return (self.contact_forces * self.holds)[:, None] * normals
+        return self.contact_forces[:, None] * self._normals
 
     @cached_property
-    def normal_forces(self) -> FloatArray:
-        """Part of `forces` along the normals, (n_contacts,) [N]."""
+    def contact_forces(self) -> FloatArray:
+        """Along the normals, λ >= 0, zero where nothing holds; (n_contacts,) [N]."""
         if self.friction is None:
-            return self.contact_forces * self.holds
-        normals = self.blocks.interfaces.normals[self.contact_index]
-        return np.asarray(np.maximum(np.einsum("ni,ni->n", self.forces, normals), 0.0))
+            return self.equilibrium.forces * self.holds
+        return np.asarray(np.maximum(np.einsum("ni,ni->n", self.forces, self._normals), 0.0))
+
+    @property
+    def _normals(self) -> FloatArray:
+        return self.blocks.interfaces.normals[self.contact_index]
+
+    @property
+    def contact_pressures(self) -> FloatArray:
+        """λ / A, (n_contacts,) [MPa]."""
+        return self.contact_forces / self.blocks.interfaces.areas[self.contact_index]
 
     @cached_property
     def measures(self) -> Measures | None:
-        """The paper's measures, without friction; None where there is no equilibrium."""
-        return self._means(self.contact_pressures) if self.equilibrium.holds else None
-
-    @cached_property
-    def shown_measures(self) -> Measures | None:
-        """The paper's measures of `normal_forces`; None where no joint presses."""
-        if not self.holds or not self.normal_forces.any():
-            return None
-        if self.friction is None:
-            return self.measures
-        return self._means(self.normal_forces / self.blocks.interfaces.areas[self.contact_index])
+        """The paper's measures; None where no joint presses."""
+        return self._facet_measures[1] if self.contact_forces.any() else None
 
     @property
     def per_block(self) -> BlockMeasures:
-        """The paper's measures of each free block (`blocks.free_blocks`), without friction."""
-        return facet_measures(self.blocks, self.contact_index, self.contact_pressures)[0]
+        """The paper's measures of each free block (`blocks.free_blocks`)."""
+        return self._facet_measures[0]
 
-    def _means(self, pressures: FloatArray) -> Measures:
-        return facet_measures(self.blocks, self.contact_index, pressures)[1]
+    @cached_property
+    def _facet_measures(self) -> tuple[BlockMeasures, Measures]:
+        return facet_measures(self.blocks, self.contact_index, self.contact_pressures)
 
     @cached_property
     def joints(self) -> JointResultants:
@@ -322,10 +311,10 @@ class RigidResult(ReadOnlyArrays):
         """Mean pressure of each flat patch, of elements each facet; 0: nothing; (n,) [MPa]."""
         if isinstance(self.blocks, Assembly):
             pressures = np.zeros(self.blocks.interfaces.n_contacts)
-            pressures[self.contact_index] = self.normal_forces
+            pressures[self.contact_index] = self.contact_forces
             return pressures / self.blocks.interfaces.areas
         found = cast("PolyhedralAssembly", self.blocks).interfaces
-        return found.patch_pressures(self.contact_index, self.normal_forces)
+        return found.patch_pressures(self.contact_index, self.contact_forces)
 
     @property
     def bare_contacts(self) -> dict[int, int]:

@@ -35,10 +35,10 @@ def rigid_rows(answer: Answer) -> list[Row]:
         shown = _force_rows(answer.measures, result.blocks)
         shown += [_total_row(answer.measures, answer.report["reaction"])]
         shown += reaction_rows(answer.report.get("reactions", {}))
-    if solids and result.holds and result.normal_forces.any():
+    if solids and result.holds and result.contact_forces.any():
         if not result.patch_pressures.size:
             shown.append(Row("largest contact pressure", "none: edges and points have no area"))
-        largest = float(result.normal_forces.max())
+        largest = float(result.contact_forces.max())
         shown.append(Row("largest contact force", f"{number(largest)} N", largest, "N"))
         shown += _joint_rows(result.joints, result.blocks)
     return grouped(
@@ -117,8 +117,8 @@ def _class_rows(result: RigidResult) -> list[Row]:
         rows[0] = rows[0]._replace(words=f"{rows[0].words} (end rings fixed)")
         words = f"{result.supported_classification.mechanism.words} (supports of this load)"
         rows.append(Row(rows[0].title, words))
-    if isinstance(result.blocks, Assembly) and result.shown_measures is not None:
-        rows += _paper_rows(result.shown_measures, result.norm)
+    if isinstance(result.blocks, Assembly) and result.measures is not None:
+        rows += _paper_rows(result.measures, result.norm)
     return rows
 
 

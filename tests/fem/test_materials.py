@@ -160,7 +160,7 @@ def test_parts_of_files_name_their_material(tmp_path: Path) -> None:
     problem = file.problem
     assert [m.density for m in problem.materials] == [2.4e-9, 7.85e-9, 0.7e-9]
     rigid = solve(file.with_method("rigid"))  # type: ignore[arg-type]
-    joints = np.sort(np.unique(rigid.details.normal_forces.round(9)))
+    joints = np.sort(np.unique(rigid.details.contact_forces.round(9)))
     each = 4e5 * 9810.0 * np.array([0.7e-9, 7.85e-9 + 0.7e-9])
     # Four points carry each joint alike.
     assert joints == pytest.approx(each / 4.0, rel=1e-6)

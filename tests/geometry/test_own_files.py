@@ -278,7 +278,7 @@ def test_y_up_gives_the_answer_of_z_up(tmp_path: Path) -> None:
     np.testing.assert_allclose(
         turned.details.blocks.centroids, upright.details.blocks.centroids, atol=1e-9
     )
-    forces = [float(run.details.normal_forces.sum()) for run in (turned, upright)]
+    forces = [float(run.details.contact_forces.sum()) for run in (turned, upright)]
     assert forces[0] == pytest.approx(forces[1], rel=1e-9)
     assert not turned.report.get("notes")
     assert not upright.report.get("notes")
@@ -409,7 +409,7 @@ def test_the_density_of_the_material_is_that_of_the_weight(tmp_path: Path) -> No
     loaded = load_case(str(file))
     run = solve(loaded.with_method("rigid"))  # type: ignore[arg-type]
     weight = 7.85e-9 * 2e6 * 9810.0
-    assert run.details.normal_forces.sum() == pytest.approx(weight, rel=1e-9)
+    assert run.details.contact_forces.sum() == pytest.approx(weight, rel=1e-9)
 
 
 def test_faulty_solids_are_left_out_by_name_or_number(tmp_path: Path) -> None:

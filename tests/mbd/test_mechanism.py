@@ -83,7 +83,7 @@ def test_what_an_equilibrium_proves_gives_the_same_class(seed: int, rows: int, e
     forces = np.maximum(rng.standard_normal(rows + extra), 0.0)
     load = -matrix @ forces if seed % 2 else rng.standard_normal(rows)
     jacobian = as_jacobian(matrix)
-    found = classify(jacobian, load, newton_equilibrium(jacobian, load))
+    found = classify(jacobian, load, newton_equilibrium(jacobian, load), many=True)
     assert found.mechanism is classify(jacobian, load).mechanism
     if isinstance(found.certificate, Mechanism):
         motion = found.certificate.virtual_displacement.ravel()

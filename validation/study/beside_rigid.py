@@ -173,7 +173,7 @@ def refined(case: Case, answer: Answer) -> Refinement:
 
 def _compared(answer: Answer) -> dict[str, float]:
     """Pressures of an answer by name [MPa]; none where nothing holds."""
-    peak, paper = answer.measures.get("p_max_facet"), answer.details.shown_measures
+    peak, paper = answer.measures.get("p_max_facet"), answer.details.measures
     if paper is None or peak is None:
         return {}
     return {"p_max_facet": peak.value} | {k: getattr(paper, k) for k in _COMPARED}

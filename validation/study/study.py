@@ -116,7 +116,7 @@ def rigid_results(case: Case) -> dict[str, Any]:
     }
     if "crushing_factor" in answer.measures:
         row["crushing_factor"] = answer["crushing_factor"].value
-    measures = result.shown_measures
+    measures = result.measures
     names = ("effective_count_percent", "effective_area_percent", "p_eff", "p_eff_pooled", "p_max")
     for name in names:
         row[name] = None if measures is None else getattr(measures, name)

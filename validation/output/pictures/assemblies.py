@@ -83,7 +83,7 @@ def pressure_title(run: Answer) -> str:
     text = run.title
     peak = run.measures.get("p_max_facet")
     if peak is not None:
-        force = np.maximum(run.details.normal_forces, 0.0)
+        force = np.maximum(run.details.contact_forces, 0.0)
         text += f"\nlargest mean pressure of a facet {peak.value:.3g} MPa; {pressing_words(force)}"
     return text
 
