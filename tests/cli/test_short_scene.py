@@ -12,6 +12,7 @@ import pytest
 
 from tests.support.coarse_tubes import coarse
 from validation import InputError, load_case
+from validation.scene.builtin import stands_for_builtin
 from validation.scene.families.sine import TubeScene
 from validation.scene.keys.schema import scene_schema
 from validation.scene.read import check_scene
@@ -173,3 +174,16 @@ def test_settings_of_friction_replace_it_in_both_spellings(scene: str) -> None:
             assert case.changed({name: 0.7}).scene.effects.friction.coefficient == 0.7
     case = load_case(scene, ["effects.friction=0.4", "effects.friction.stick_stiffness=50.0"])
     assert case.scene.effects.friction.coefficient == 0.4
+
+
+@pytest.mark.quick
+def test_a_folder_of_results_does_not_hide_a_built_in_scene_or_study(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """`tubelock mbd arch -o arch` runs twice."""
+    monkeypatch.chdir(tmp_path)
+    for name in ("arch", "paper-480"):
+        (tmp_path / name).mkdir()
+    assert load_case("arch").name == "arch"
+    assert stands_for_builtin(Path("paper-480"), "study")
+    assert not stands_for_builtin(Path("arch"), "study")

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import difflib
 from importlib import resources
+from pathlib import Path
 
+from geometry.errors import unreadable
 from validation.errors import InputError
 
 #: First words of the line that tells editors where the schema of scenes is.
@@ -21,6 +23,14 @@ def builtin_names(kind: str = "scene") -> list[str]:
     """Names of the built-in scenes, or of what else comes as TOML, sorted."""
     names = (path.name for path in (resources.files("validation") / _FOLDERS[kind]).iterdir())
     return sorted(name.removesuffix(".toml") for name in names if name.endswith(".toml"))
+
+
+def stands_for_builtin(path: Path, kind: str = "scene") -> bool:
+    """Whether a path is to be looked up among them: no file, or a folder that has such a name."""
+    if path.suffix == ".toml":
+        return False
+    why = unreadable(path)
+    return why == "no such file" or (path.is_dir() and str(path) in builtin_names(kind))
 
 
 def builtin_text(name: str, kind: str = "scene") -> str:

@@ -24,7 +24,7 @@ from geometry.errors import unreadable
 from geometry.machine.work import beyond_memory
 from geometry.parts.placed import AnyBlocks, AssemblyError, check_size
 from validation.errors import InputError, one_line
-from validation.scene.builtin import builtin_names, builtin_text
+from validation.scene.builtin import builtin_names, builtin_text, stands_for_builtin
 from validation.scene.deformable import METHODS, keys_of_other
 from validation.scene.family import FAMILIES, AssemblyScene, FamilyScene
 from validation.scene.keys.quantities import YOUNG_MODULUS, Range, ranges
@@ -47,7 +47,7 @@ SCENE_TYPES: Mapping[str, type[DeformableScene]] = FAMILIES
 def _read(source: str) -> tuple[str, str]:
     """Name and TOML text of a built-in scene or a file."""
     path = Path(source)
-    if path.suffix != ".toml" and unreadable(path) == "no such file":
+    if stands_for_builtin(path):
         beside = path.with_name(f"{path.name}.toml") if path.name else path
         if source not in builtin_names() and unreadable(beside) is None:
             raise InputError(f"{source}: no such file or built-in scene; did you mean {beside}?")

@@ -28,10 +28,10 @@ from pathlib import Path
 from typing import Any
 
 from geometry.answer import TITLES
-from geometry.errors import RefusedError, unreadable
+from geometry.errors import RefusedError
 from validation.case import Case
 from validation.errors import InputError
-from validation.scene.builtin import builtin_text
+from validation.scene.builtin import builtin_text, stands_for_builtin
 from validation.scene.deformable import parse_share
 from validation.scene.keys.toml_text import flat, is_range, toml_value
 from validation.scene.read import apply_overrides, check_scene, read_text, scene_data
@@ -170,7 +170,7 @@ def load_study(source: str, overrides: Iterable[str] = ()) -> SceneStudy:
     Overrides are ``section.key=value``, applied to the scene after ``[settings]``.
     """
     path = Path(source)
-    builtin = path.suffix != ".toml" and unreadable(path) == "no such file"
+    builtin = stands_for_builtin(path, "study")
     text = builtin_text(source, "study") if builtin else read_text(path, "a study in TOML")
     try:
         data = tomllib.loads(text)

@@ -198,7 +198,8 @@ class Sensitivity(Printed):
             )
             for place, (_, slope) in enumerate(of):
                 if math.isnan(slope.elasticity):
-                    panel.annotate(" none", (0.0, place), va="center", fontsize="small")
+                    why = "none" if slope.derivative is None else "value 0"
+                    panel.annotate(f" {why}", (0.0, place), va="center", fontsize="small")
             panel.axvline(0.0, color="black", linewidth=0.8)
             panel.set_title(title_of(measure).words, loc="left", fontsize="medium")
             panel.set_xlabel("elasticity [–]")
