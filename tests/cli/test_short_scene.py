@@ -128,7 +128,7 @@ def test_keys_that_tables_of_a_list_lack_come_with_lines_to_add() -> None:
 def test_a_box_needs_no_mesh(tubelock) -> None:
     """Its elements are named among the defaults, and no contact: it touches none."""
     Path("box.toml").write_text(
-        '[block]\ntype = "box"\nsize = [90.0, 30.0, 30.0]\n[support]\nx- = "fixed"\n'
+        '[block]\ntype = "box"\nsize = [90.0, 30.0, 30.0]\n[[supports]]\nface = "x-"\n'
         '[load."x+"]\npressure = 1.0\n'
     )
     status, out, err = tubelock("fem", "box.toml", *settings(*ONE_MESH), "--json", "a.json")

@@ -22,7 +22,7 @@ BOX: dict[str, Any] = {
 COMBINED = BOX | {
     "material": "concrete",
     "effects": {"gravity": [0.0, 0.0, -9810.0]},
-    "support": {"x-": "fixed"},
+    "supports": [{"face": "x-"}],
     "load": {"x+": {"traction": [0.0, 0.0, -0.01]}},
     "loads": [{"name": "wind", "face": "y-", "pressure": 0.02}],
     "combinations": {"all": {"weight": 1.35, "load": 1.5, "wind": -0.6}, "weight": {"weight": 2.0}},
@@ -33,7 +33,7 @@ def test_a_combination_is_the_sum_of_its_loads_times_their_factors() -> None:
     """Blocks without contact are linear: displacements add up, exactly to rounding."""
 
     def moved(*loads: str) -> np.ndarray:
-        none = {key: COMBINED[key] for key in ("block", "mesh", "fem", "material", "support")}
+        none = {key: COMBINED[key] for key in ("block", "mesh", "fem", "material", "supports")}
         case = load_case(none | {key: COMBINED[key] for key in loads})
         return solve(case.with_method("static")).fields["displacement"]
 

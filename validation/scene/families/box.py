@@ -56,7 +56,6 @@ class BoxScene(AssemblyScene):
 
     meets: ClassVar[bool] = False
 
-    support: dict[FaceName, Literal["fixed"]] = Field(default_factory=dict)
     load: dict[FaceName, FaceLoadSection] = Field(default_factory=dict)
     initial: InitialSection | None = None
 
@@ -98,18 +97,12 @@ class BoxScene(AssemblyScene):
         return Motion(np.array(given.velocity), np.array(given.angular_velocity))
 
     def build_load(self, assembly: Assembly) -> LoadCase:
-        """Load and hold the faces that are named, of every copy."""
+        """Load the faces that are named, of every copy."""
         from geometry.loads import LoadCase
-        from geometry.parts.supports import HeldFace
 
         blocks = np.arange(assembly.n_blocks)
-        return LoadCase(
-            assembly,
-            "faces",
-            tuple(self._face_load(blocks, face) for face in self.load),
-            assembly.fixed,
-            held=tuple(HeldFace(block, face) for block in blocks.tolist() for face in self.support),
-        )
+        faces = tuple(self._face_load(blocks, face) for face in self.load)
+        return LoadCase(assembly, "faces", faces, assembly.fixed)
 
     def _face_load(self, blocks: IntArray, face: FaceName) -> FaceLoad:
         from geometry.loads import PressureLoad, TractionLoad

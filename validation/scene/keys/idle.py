@@ -55,7 +55,7 @@ _ABSENT: Mapping[str, tuple[str, ...]] = {
     "explicit deck": (*_NOT_WRITTEN, "effects.finite_sliding"),
     "blocks": (
         *("fem", "rigid", "stages", "material", "contact", "effects", "load", "loads", "supports"),
-        *("support", "initial", "combinations", "sections"),
+        *("initial", "combinations", "sections"),
     ),
 }
 #: Keys that are printed: others a scene may state for other methods, and the data name them. Files
