@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+from tests.fixtures.commands import undrawn
 from tests.support.drawn_blocks import Drawn, arch, triangles_of, write_obj
 from validation.cli.app import app
 
@@ -161,5 +162,6 @@ def test_check_and_mbd_say_what_is_wrong(name: str, tmp_path: Path) -> None:
     )
     told = _said("check", str(tmp_path / "arch.obj"))
     assert [words for words in of_check if words not in told] == []
-    told = _said("mbd", str(scene), "-o", str(tmp_path / "out"))
+    with undrawn():
+        told = _said("mbd", str(scene), "-o", str(tmp_path / "out"))
     assert [words for words in of_mbd if words not in told] == []
