@@ -369,9 +369,8 @@ def _solve(
     """Solve the linear problem; hold the blocks more where nothing else does."""
     while True:
         try:
-            trial = problem.step(linear, state.displacement, state.holding.now)
-            if problem.free is not None:
-                inverse = problem.step.inverse(linear, state.holding.now)
+            trial, inverse = problem.step(linear, state.displacement, state.holding.now)
+            if problem.free is not None and inverse is not None:
                 trial = problem.free.constrained(trial, inverse)
             _check_near(problem.system, trial)
             return trial, state

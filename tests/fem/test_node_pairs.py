@@ -43,7 +43,7 @@ def test_one_linear_problem_is_that_of_one_sparse_matrix(normals: ContactNormals
     touched = np.unique(system.points.rows[system.points.rows < system.n_nodes])
 
     def solved(step: SparseStep | CondensedStep) -> FloatArray:
-        return step(linear, before)[touched]
+        return step(linear, before)[0][touched]
 
     step = CondensedStep(system, friction=True)
     sparse, pairs = solved(SparseStep(system)), solved(step)

@@ -210,42 +210,37 @@ class CondensedStep(RetainedNodes):
 
     def __call__(
         self, linear: Linearisation, before: FloatArray, holding: float = 0.0
-    ) -> FloatArray:
-        """Displacements of the contact nodes, zero at the others; (n_nodes, 3) [mm]."""
-        factored, turned = self._factor(linear, before, holding)
-        value = self._system.held.variables(self._system.n_nodes, linear.time)
-        loads = self._free_forces(linear.load_factor, value, turned)
-        responses = [self._kind(s).inverse @ f for s, f in enumerate(loads)]
-        felt = self._felt(factored, responses, value)
-        motions = [-self._kind(s).rigid.T @ f for s, f in enumerate(loads)]
-        if holding:
-            motions = [m - holding * self._motion(s, before) for s, m in enumerate(motions)]
-        solved = self._solved(factored, felt, motions, loaded=True)
-        return self._displacements(factored.chain.of_slots, responses, *solved, value)
-
-    def inverse(self, linear: Linearisation, holding: float = 0.0) -> NodalInverse:
-        """Inverse of K + Σ w k ∂x/∂u ∂x/∂uᵀ on the contact nodes, for many nodal forces.
+    ) -> tuple[FloatArray, NodalInverse]:
+        """Displacements of the contact nodes, zero at the others, (n_nodes, 3) [mm]; the inverse.
 
         Raises
         ------
         UnheldBlocksError
             Blocks on which too few points press, when nothing else holds them.
         """
-        nothing = np.zeros(3 * self._system.n_nodes)
-        factored, _ = self._factor(linear, nothing.reshape(-1, 3), holding)
+        factored, turned = self._factor(linear, before, holding)
+        slots = range(self._system.n_slots)
 
-        def apply(force: FloatArray) -> FloatArray:
-            loads = []
-            for slot in range(self._system.n_slots):
-                on_retained = force.ravel()[self._dofs[slot]]
-                loads.append(self._to_variables(slot, on_retained)[self._kind(slot).free])
+        def solved(
+            loads: list[FloatArray], value: FloatArray, held: FloatArray, *, loaded: bool
+        ) -> FloatArray:
             responses = [self._kind(s).inverse @ f for s, f in enumerate(loads)]
+            felt = self._felt(factored, responses, value)
             motions = [-self._kind(s).rigid.T @ f for s, f in enumerate(loads)]
-            felt = self._felt(factored, responses, nothing)
-            solved = self._solved(factored, felt, motions, loaded=False)
-            return self._displacements(factored.chain.of_slots, responses, *solved, nothing)
+            if held.any():
+                motions = [m - holding * self._motion(s, held) for s, m in enumerate(motions)]
+            result = self._solved(factored, felt, motions, loaded=loaded)
+            return self._displacements(factored.chain.of_slots, responses, *result, value)
 
-        return apply
+        def inverse(force: FloatArray) -> FloatArray:
+            on_retained = (self._to_variables(s, force.ravel()[self._dofs[s]]) for s in slots)
+            loads = [of[self._kind(s).free] for s, of in enumerate(on_retained)]
+            return solved(loads, nothing, no_motion, loaded=False)
+
+        value = self._system.held.variables(self._system.n_nodes, linear.time)
+        nothing, no_motion = np.zeros_like(value), np.zeros_like(before)
+        loads = self._free_forces(linear.load_factor, value, turned)
+        return solved(loads, value, before if holding else no_motion, loaded=True), inverse
 
     def _factor(
         self, linear: Linearisation, before: FloatArray, holding: float

@@ -16,10 +16,8 @@ are the unknowns, level by level a chain of dense blocks.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import TypeAlias
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -27,6 +25,7 @@ from scipy.spatial import cKDTree
 from fem.contact.surfaces import MatchedFacets
 from fem.static.linear_step.block_tridiagonal import (
     Chain,
+    ChainFactor,
     Level,
     Part,
     Rows,
@@ -42,7 +41,7 @@ from fem.static.linear_step.linearisation import (
     UnheldBlocksError,
 )
 from fem.static.turning import Turned, TurningNormals
-from fem.system.system import NodalInverse, Sector, System
+from fem.system.system import Sector, System
 from geometry.mesh import BoolArray, FloatArray, IntArray
 
 #: Contact is soft below this share of the stiffness of a block, Young's modulus over its size, …
@@ -91,10 +90,6 @@ def _touching_quads(deformable: System, number: int) -> IntArray:
         )
     ]
     return np.unique(np.concatenate(mine), axis=0)
-
-
-#: Displacements: see `GridStep._factored`.
-_Solve: TypeAlias = Callable[[FloatArray, FloatArray, FloatArray, FloatArray], FloatArray]
 
 
 @dataclass(frozen=True)
@@ -188,7 +183,7 @@ class GridStep(LinearStep):
 
     def __call__(
         self, linear: Linearisation, before: FloatArray, holding: float = 0.0
-    ) -> FloatArray:
+    ) -> tuple[FloatArray, None]:
         """Displacements (n_nodes, 3) [mm].
 
         Raises
@@ -198,7 +193,8 @@ class GridStep(LinearStep):
         """
         facets, slope = self._system.points, linear.slope[..., 0, 0].ravel()
         forces = linear.weights * linear.traction[..., 0]
-        stiff = np.flatnonzero(self._presses(slope) & ~self._soft(slope))
+        closed = slope > _LEAST_STIFFNESS * self._system.whole.contact.law.touching_stiffness
+        stiff = np.flatnonzero(closed & ~self._soft(slope))
         given = forces.ravel().copy()
         given[stiff] = 0.0
         change, motions = linear.gradient - self._reference, self._motions_in(before)
@@ -211,26 +207,21 @@ class GridStep(LinearStep):
         bending, lever = facets.scatter(change, forces), self._on_motions(turned.by_motions, given)
         points = stiff, 1.0 / (self._weights[stiff] * slope[stiff])
         try:
-            solve = self._factored(points, turned, motions, holding)
+            factor, rows, held = self._factored(points, turned, motions, holding)
         except UnheldBlocksError:
             # Far from rest turning normals may push: what resists without them leads there.
-            solve = self._factored(points, turned.without_stiffness, motions, holding)
-        return solve(load, bending, rest, lever)
-
-    def inverse(self, linear: Linearisation, holding: float = 0.0) -> NodalInverse:
-        """Inverse of K + Σ w k ∂x/∂u ∂x/∂uᵀ, with reference normals.
-
-        Raises
-        ------
-        UnheldBlocksError
-            Blocks that nothing holds.
-        """
-        slope = linear.slope[..., 0, 0].ravel()
-        stiff = np.flatnonzero(self._presses(slope))
-        points = stiff, 1.0 / (self._weights[stiff] * slope[stiff])
-        motions, bending = np.zeros((len(self._grids), 6)), np.zeros((self._system.n_nodes, 3))
-        solve = self._factored(points, self._turning.none, motions, holding)
-        return lambda force: solve(force, bending, np.zeros(len(stiff)), motions)
+            turned = turned.without_stiffness
+            factor, rows, held = self._factored(points, turned, motions, holding)
+        loaded = self._displacements(load + bending)
+        right = rest + facets.gather(self._reference, loaded).ravel()[stiff]
+        balance = lever - self._in_motions(load) - held
+        solved = factor.solve(self._chain.sides(rows.split(right), balance))
+        forces, motions = np.zeros(self._n), np.empty_like(held)
+        forces[stiff] = rows.joined([result for result, _ in solved])
+        for (_, alpha), slots in zip(solved, self._chain.members, strict=True):
+            motions[slots] = alpha.reshape(-1, 6)
+        pushed = facets.scatter(self._reference, forces)
+        return loaded + self._displacements(pushed) + self._of_motions(motions), None
 
     def _factored(
         self,
@@ -238,43 +229,18 @@ class GridStep(LinearStep):
         turned: Turned,
         before: FloatArray,
         holding: float,
-    ) -> _Solve:
-        """Factor the chain of some points, each with its softness [mm/N].
+    ) -> tuple[ChainFactor, Rows, FloatArray]:
+        """Factor the chain of some points, each with its softness [mm/N], and their rows.
 
-        Springs hold the motions ``before``, (n_slots, 6). The result takes nodal forces, and those
-        that bend blocks alone, (n_nodes, 3) [N]; overclosures of the points (n,) [mm] and forces on
-        the motions (n_slots, 6). It returns the displacements.
+        Springs hold the motions ``before``, (n_slots, 6), by the forces that come last.
         """
-        facets, stiff = self._system.points, points[0]
-        rows = self._chain.rows(self._facet[stiff])
+        rows = self._chain.rows(self._facet[points[0]])
         levels = self._levels(rows, points, turned, holding)
         held = self._held(levels, before)
         try:
-            factor = factor_chain(levels)
+            return factor_chain(levels), rows, held
         except (UnresistedMotionError, np.linalg.LinAlgError) as error:
             raise UnheldBlocksError(f"contact forces: {error}", ()) from None
-
-        def solve(
-            load: FloatArray, bending: FloatArray, rest: FloatArray, lever: FloatArray
-        ) -> FloatArray:
-            loaded = self._displacements(load + bending)
-            right = rest + facets.gather(self._reference, loaded).ravel()[stiff]
-            balance = lever - self._in_motions(load) - held
-            solved = factor.solve(self._chain.sides(rows.split(right), balance))
-            forces, motions = np.zeros(self._n), np.empty_like(held)
-            forces[stiff] = rows.joined([result for result, _ in solved])
-            for (_, alpha), slots in zip(solved, self._chain.members, strict=True):
-                motions[slots] = alpha.reshape(-1, 6)
-            pushed = facets.scatter(self._reference, forces)
-            return loaded + self._displacements(pushed) + self._of_motions(motions)
-
-        return solve
-
-    def _presses(self, slope: FloatArray) -> BoolArray:
-        """Points that are not open, by the slopes of their pressures, (n,)."""
-        law = self._system.whole.contact.law
-        result: BoolArray = slope > _LEAST_STIFFNESS * law.touching_stiffness
-        return result
 
     def _soft(self, stiffness: FloatArray) -> BoolArray:
         """Points softer than a block that carry little of the stiffness of their joint, (n,)."""

@@ -244,20 +244,11 @@ class LinearStep(ABC):
     @abstractmethod
     def __call__(
         self, linear: Linearisation, before: FloatArray, holding: float = 0.0
-    ) -> FloatArray:
-        """Displacements (n_nodes, 3) [mm]; inner nodes may be left out.
+    ) -> tuple[FloatArray, NodalInverse | None]:
+        """Displacements (n_nodes, 3) [mm], which may leave inner nodes out, and what gave them.
 
-        ``holding`` [N/mm] holds each block to where it was ``before``.
-
-        Raises
-        ------
-        UnheldBlocksError
-            Blocks that nothing holds.
-        """
-
-    @abstractmethod
-    def inverse(self, linear: Linearisation, holding: float = 0.0) -> NodalInverse:
-        """Inverse of K + Σ w k ∂x/∂u ∂x/∂uᵀ, zero on prescribed components.
+        That is the inverse of K + Σ w k ∂x/∂u ∂x/∂uᵀ, zero on prescribed components; None of a step
+        that takes no periodic cell. ``holding`` [N/mm] holds each block to where it was ``before``.
 
         Raises
         ------
@@ -348,8 +339,8 @@ class SparseStep(LinearStep):
 
     def __call__(
         self, linear: Linearisation, before: FloatArray, holding: float = 0.0
-    ) -> FloatArray:
-        """Displacements (n_nodes, 3) [mm]."""
+    ) -> tuple[FloatArray, NodalInverse]:
+        """Displacements (n_nodes, 3) [mm] and the inverse."""
         points, rows = self._pressing(linear)
         matrix = self._matrix(linear, points, rows, holding)
         forces = linear.weights[..., None] * linear.tractions(linear.constant)
@@ -359,22 +350,15 @@ class SparseStep(LinearStep):
             right += holding * (self._springs @ (self._transform.T @ before.ravel()))
         value = self._system.held.variables(self._system.n_nodes, linear.time)
         right -= matrix @ value
-        solution = value.copy()
-        solve = self._factor(matrix, symmetric=linear.symmetric)
-        solution[self._free] = solve(right[self._free])
-        return (self._transform @ solution).reshape(-1, 3)
-
-    def inverse(self, linear: Linearisation, holding: float = 0.0) -> NodalInverse:
-        """Inverse of K + Σ w k ∂x/∂u ∂x/∂uᵀ, zero on prescribed components."""
-        matrix = self._matrix(linear, *self._pressing(linear), holding)
         solve = self._factor(matrix, symmetric=linear.symmetric)
 
-        def apply(force: FloatArray) -> FloatArray:
-            solution = np.zeros(3 * self._system.n_nodes)
-            solution[self._free] = solve((self._transform.T @ force.ravel())[self._free])
+        def solved(right: FloatArray, value: FloatArray) -> FloatArray:
+            solution = value.copy()
+            solution[self._free] = solve(right[self._free])
             return (self._transform @ solution).reshape(-1, 3)
 
-        return apply
+        nothing = np.zeros_like(value)
+        return solved(right, value), lambda f: solved(self._transform.T @ f.ravel(), nothing)
 
     def _pressing(self, linear: Linearisation) -> tuple[IntArray, csr_array]:
         """Points that press or resist, and their gradients: others fill the matrix with zeros."""
