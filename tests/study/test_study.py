@@ -292,6 +292,23 @@ def test_curves_hold_the_rows_and_failed_designs_are_gaps(tubes) -> None:
     assert [t.get_text() for t in axes.get_legend().get_texts()] == ["1", "2.5"]
 
 
+def test_the_title_of_many_curves_stays_on_the_page() -> None:
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+
+    from validation.study.picture import study_figure
+
+    figure = study_figure(load_study("paper-480"), [], "block.shift", "p_max")
+    canvas = FigureCanvasAgg(figure)
+    canvas.draw()
+    title = figure.axes[0].get_title(loc="left")
+    assert title.replace("\n", " ").endswith(
+        "240 curves, one for each combination of the other parameters"
+    )
+    box = figure.axes[0].get_tightbbox(canvas.get_renderer())
+    assert box.x0 >= 0.0
+    assert box.x1 <= figure.bbox.width
+
+
 @pytest.mark.parametrize(
     ("axes", "message"),
     [

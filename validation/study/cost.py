@@ -21,7 +21,7 @@ from validation.errors import InputError
 from validation.output.answer_files import answer_of_data
 from validation.output.console import Printed, listing
 from validation.output.files import processor
-from validation.output.pictures.gallery import save_figure, subplots, twos_and_fives
+from validation.output.pictures.gallery import save_figure, subplots, twos_and_fives, wrapped
 from validation.output.pictures.scales import BLUE, GREEN, ORANGE, VERMILION
 from validation.study.run import answered
 from validation.study.study import CaseStudy
@@ -142,12 +142,11 @@ class CostResult(Printed):
         for panel in panels[:, 0]:
             panel.set_ylabel("difference from the finest answer [%]")
         panels[0, 0].legend(frameon=False, fontsize=9)
-        figure.suptitle(
+        title = (
             f"{self.name}: {self.load}; cost versus accuracy\n"
-            f"at the points: mesh or requested error bar; ×1 has {self.mesh} elements per block",
-            x=0.02,
-            ha="left",
+            f"at the points: mesh or requested error bar; ×1 has {self.mesh} elements per block"
         )
+        figure.suptitle(wrapped(title, 10.0), x=0.02, ha="left")
         save_figure(figure, Path(path), about=self.processors)
 
 

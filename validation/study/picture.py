@@ -8,7 +8,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from validation.errors import InputError
-from validation.output.pictures.gallery import subplots
+from validation.output.pictures.gallery import subplots, wrapped
 from validation.output.pictures.scales import OF_LINES
 from validation.study.study import Study, value_text
 
@@ -57,7 +57,8 @@ def study_figure(
         _draw_curve(axes, values[parameter], points, measure, _look(study, others, chosen, place))
     axes.set_xlabel(study.head(parameter))
     axes.set_ylabel(study.label(measure))
-    axes.set_title(_title(study, others, len(curves)), loc="left", fontsize="medium")
+    title = wrapped(_title(study, others, len(curves)), 7.0)
+    axes.set_title(title, loc="left", fontsize="medium")
     axes.grid(alpha=0.3)
     if others:
         axes.legend(frameon=False, fontsize="small", title=_legend_title(study, others, curves))

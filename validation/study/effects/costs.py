@@ -269,7 +269,7 @@ def draw_effects(measured: Mapping[str, Any], path: Path) -> None:
     """Draw changes and costs, one group of bars for each effect."""
     from matplotlib.ticker import FuncFormatter
 
-    from validation.output.pictures.gallery import save_figure, subplots
+    from validation.output.pictures.gallery import save_figure, subplots, wrapped
     from validation.output.pictures.scales import BLUE, ORANGE, SKY, VERMILION
 
     costs = measured["costs"]
@@ -310,7 +310,6 @@ def draw_effects(measured: Mapping[str, Any], path: Path) -> None:
     right.set_xlabel("with the effect over without it [–]")
     right.axvline(1.0, color="black", linewidth=0.8)
     title = f"{measured['scene']}: {measured['load']}; explicit FEM"
-    figure.suptitle(
-        f"{title}, effects switched off one at a time", x=0.02, ha="left", fontsize="medium"
-    )
+    title = wrapped(f"{title}, effects switched off one at a time", 10.0)
+    figure.suptitle(title, x=0.02, ha="left", fontsize="medium")
     save_figure(figure, path)

@@ -13,7 +13,7 @@ from rich.table import Table
 
 from geometry.answer import Measure
 from validation.output.console import Printed, tabled
-from validation.output.pictures.gallery import save_figure, subplots
+from validation.output.pictures.gallery import save_figure, subplots, wrapped
 from validation.output.pictures.scales import BLUE, VERMILION
 from validation.study.optimisation.search import Point, Search, judged_finalists, run_search
 from validation.study.optimisation.statement import Optimisation
@@ -161,7 +161,8 @@ class SearchResult(Printed):
             _draw_judged(self.search, self.final, axes)
         axes.grid(alpha=0.3)
         axes.legend(frameon=False)
-        axes.set_title(f"{stated.study.title}; {len(self.search.points)} designs", loc="left")
+        title = wrapped(f"{stated.study.title}; {len(self.search.points)} designs", 7.0)
+        axes.set_title(title, loc="left", fontsize="medium")
         save_figure(figure, Path(path))
 
 

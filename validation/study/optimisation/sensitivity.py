@@ -27,7 +27,7 @@ from validation.errors import InputError, named
 from validation.output.answer_files import answer_of_data
 from validation.output.console import Printed, listing
 from validation.output.files import write_csv
-from validation.output.pictures.gallery import save_figure, subplots
+from validation.output.pictures.gallery import save_figure, subplots, wrapped
 from validation.output.pictures.scales import BLUE, VERMILION
 from validation.study.rowfile import StudyRows
 from validation.study.run import computed, runner_for
@@ -209,7 +209,7 @@ class Sensitivity(Printed):
         panel.set_xlim(min(left, -_LEAST_SPAN), max(right, _LEAST_SPAN))
         blocks = "rigid" if self.method == "rigid" else "deformable"
         title = f"{self.name}, {blocks} blocks: {self.load}; what changes the results"
-        figure.suptitle(title, x=0.02, ha="left", fontsize="medium")
+        figure.suptitle(wrapped(title, size[0]), x=0.02, ha="left", fontsize="medium")
         save_figure(figure, Path(path))
 
 
