@@ -22,7 +22,7 @@ from fem.accuracy.errors import (
     unresolved,
     with_stick,
 )
-from fem.accuracy.facets import pressures_on_facets
+from fem.accuracy.facets import Facets, means_on
 from fem.accuracy.ladder import OF_FACETS, Ladder, Rung, fineness, ladder_for, on_rung
 from fem.accuracy.one_mesh import stick_change
 from fem.accuracy.parts import Accuracy, Meshes, MeshFacets
@@ -48,7 +48,6 @@ from geometry.machine.work import (
     memory_limit,
     stop,
 )
-from geometry.mesh import FloatArray
 from geometry.meshing.refinement import charts_of
 from geometry.parts.rows import Part
 
@@ -120,9 +119,8 @@ class Solved:
     """On that mesh."""
     state: State
     """Displacements, stresses and contact there."""
-    facets: tuple[Assembly, FloatArray] | None
-    """Mesh that was stated, and the mean pressure on each of its interfaces, (n,) [MPa]; None where
-    contact is searched."""
+    facets: Facets
+    """Of the mesh that was stated."""
     numbers: OnMesh
     spent: Budget
     """Operations of this mesh alone."""
@@ -414,7 +412,7 @@ def _state(
     options: StaticOptions,
     before: Solved | None,
     factor: float,
-) -> tuple[State, tuple[Assembly, FloatArray] | None]:
+) -> tuple[State, Facets]:
     """State on a mesh, and the mean pressures on the facets of the mesh that was stated."""
     deformable, start = stated.deformable.under(factor), None
     known: Known = ()
@@ -432,16 +430,7 @@ def _state(
                 halved = max(options.load_steps, coarse.evidence.load_steps // 2)
                 options = replace(options, load_steps=halved)
     state = static_state(deformable, options, start=start, known=known)
-    facets = None
-    if deformable.meets and not deformable.contact.finite_sliding:
-        pressures = pressures_on_facets(
-            base.blocks,
-            deformable,
-            state.displacements,
-            symmetry=state.system.orbits.order,
-        )
-        facets = base.blocks, pressures
-    return state, facets
+    return state, means_on(base.blocks, state)
 
 
 def _may_start(stated: Problem, before: Problem) -> bool:

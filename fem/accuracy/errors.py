@@ -14,7 +14,8 @@ shrink as the rate demands falls as slowly as they say: it may have its peak whe
 yet fine.
 
 One mesh (`one_mesh_bars`) is compared with coarser ones: a run on a mesh with 1/r of the elements
-along every edge has r times the error. Elements of degree two and more are judged by the same
+along every edge has r times the error, or a smaller power of it where three meshes show that; of
+two meshes the factor of safety is larger. Elements of degree two and more are judged by the same
 elements of another degree, whose error is a fixed multiple: means over facets are those over the
 same facets then.
 
@@ -47,9 +48,10 @@ from scipy.optimize import brentq
 
 from fem.accuracy.ladder import AT_EDGES, INTEGRALS, OF_FACETS, Rung
 from geometry.answer import Measure
+from geometry.mesh import FloatArray
 
-#: Factors of safety of one mesh beside others, of sequences of meshes, and of two meshes with
-#: searched contact. The last two are Roache's for three meshes and for two;
+#: Factors of safety of one mesh beside others, of sequences of meshes, and of two meshes, of which
+#: one is coarser or contact is searched. The last two are Roache's for three meshes and for two;
 #: `tests/verification/error_bars.py` measures how often they suffice.
 SAFETY, OF_SEQUENCES, OF_TWO = 1.5, 1.25, 3.0
 #: Meshes whose fineness differs by a smaller share are as fine.
@@ -192,18 +194,18 @@ def _rate(meshes: Sequence[OnMesh], name: str) -> float:
     rate = _RATE_OF_FEW if name in LOCAL or name in AT_EDGES else _RATE
     if name != "p_max_point" or len(meshes) < 3:
         return rate
-    return _shown_rate(meshes[-3:], name, rate)
+    sizes = np.array([mesh.sizes(name) for mesh in meshes[-3:]])
+    grows = (np.diff(sizes, axis=0) > _SAME * sizes[:-1]).all(axis=0)
+    shown = [mesh.measures[name].value for mesh in meshes[-3:]]
+    return _shown_rate(shown, sizes[:, 1 if grows[1] else 0], rate)
 
 
-def _shown_rate(meshes: Sequence[OnMesh], name: str, most: float) -> float:
-    """Power of the fineness that three meshes show, between the slowest one and ``most``.
+def _shown_rate(values: Sequence[float], fine: FloatArray, most: float) -> float:
+    """Power of the fineness (3,) that three meshes show, between the slowest one and ``most``.
 
     Changes of an error c f^-r over the fineness f have the ratio (f₁^-r - f₂^-r) / (f₂^-r - f₃^-r).
     """
-    one, two, three = (mesh.measures[name].value for mesh in meshes)
-    sizes = np.array([mesh.sizes(name) for mesh in meshes])
-    grows = (np.diff(sizes, axis=0) > _SAME * sizes[:-1]).all(axis=0)
-    fine = sizes[:, 1 if grows[1] else 0]
+    one, two, three = values
 
     def excess(rate: float) -> float:
         left = fine**-rate
@@ -220,8 +222,6 @@ def one_mesh_bars(
     degrees: Sequence[tuple[Values, float]],
     sides: Values,
     steps: Values,
-    *,
-    safety: float = SAFETY,
 ) -> dict[str, float]:
     """Estimated errors of measures on one mesh, in their units.
 
@@ -229,30 +229,49 @@ def one_mesh_bars(
     ----------
     values
         On the mesh.
-    meshes, degrees
-        On coarser or finer meshes, and on the same elements of other degrees, each with its error
-        over that of the mesh.
+    meshes
+        On coarser or finer meshes, each with the length of its elements over that of the mesh.
+    degrees
+        On the same elements of other degrees, each with its error over that of the mesh.
     sides
         How far both sides of peaks lie apart in the solution itself.
     steps
         What half as many load steps change.
-    safety
-        Factor of safety of what changes between meshes.
     """
-    bars, beside = _compared(values, meshes, safety), sides
+    bars, beside = _of_meshes(values, meshes), sides
     if degrees:
         beside = {name: bar for name, bar in bars.items() if name in _OF_MESHES}
-        bars = _compared(values, degrees, SAFETY)
+        bars = _compared(values, degrees)
     bars = {
         name: (sum if name in AT_EDGES else max)((bar, beside.get(name, 0.0)))
         for name, bar in bars.items()
     }
     if degrees:
-        share = _SHARED_OF_DEGREES * _widest(bars, values, LOCAL)
-        edges = max(share, _widest(bars, values, AT_EDGES))
-        shares = dict.fromkeys(LOCAL, share) | dict.fromkeys(AT_EDGES, edges)
+        widest = _widest(bars, values, LOCAL)
+        edges = max(_SHARED_OF_DEGREES * widest, _widest(bars, values, AT_EDGES))
+        shares = dict.fromkeys(LOCAL, _SHARED_OF_DEGREES * widest)
+        shares |= dict.fromkeys(AT_EDGES, edges)
+        shares |= dict.fromkeys(OF_FACETS, _SHARED_OF_FACETS * widest)
         bars = _at_least(bars, values, shares)
     return _with_steps(bars, steps)
+
+
+def _of_meshes(values: Values, meshes: Sequence[tuple[Values, float]]) -> dict[str, float]:
+    """Bars by what changes between meshes.
+
+    Three of them show by which rate stresses and pressures converge; one that is coarser shows
+    none.
+    """
+    safety = OF_TWO if len(meshes) == 1 and meshes[0][1] > 1.0 else SAFETY
+    ordered = sorted([(values, 1.0), *meshes], key=lambda one: -one[1])
+    fine = np.array([1.0 / length for _, length in ordered])
+
+    def rate(name: str) -> float:
+        if len(ordered) < LEAST_MESHES or name in _BY_LENGTHS:
+            return 1.0
+        return _shown_rate([of[name] for of, _ in ordered], fine, 1.0)
+
+    return _compared(values, meshes, safety, rate)
 
 
 def _widest(bars: Values, values: Values, names: Iterable[str]) -> float:
@@ -263,13 +282,22 @@ def _widest(bars: Values, values: Values, names: Iterable[str]) -> float:
 
 
 def _compared(
-    values: Values, others: Sequence[tuple[Values, float]], safety: float
+    values: Values,
+    others: Sequence[tuple[Values, float]],
+    safety: float = SAFETY,
+    rate: Callable[[str], float] = lambda _: 1.0,
 ) -> dict[str, float]:
-    """Bars of the measures that all others have: facets may match on one mesh alone."""
+    """Bars of the measures that all others have: facets may match on one mesh alone.
+
+    Errors fall by a power, the ``rate`` of a measure, of what stands beside the values.
+    """
+    names = [name for name in values if others and all(name in of for of, _ in others)]
+    rates = {name: rate(name) for name in names}
     return {
-        name: error_bar(value, [(of[name], reduction) for of, reduction in others], safety=safety)
-        for name, value in values.items()
-        if others and all(name in of for of, _ in others)
+        name: error_bar(
+            values[name], [(of[name], ratio ** rates[name]) for of, ratio in others], safety=safety
+        )
+        for name in names
     }
 
 

@@ -9,6 +9,7 @@ of these elements. Means over elements' own facets are therefore exactly those o
 from __future__ import annotations
 
 import math
+from typing import TypeAlias
 
 import numpy as np
 
@@ -22,6 +23,7 @@ from fem.element.facet import (
     facet_basis,
 )
 from fem.element.functions import lobatto_points
+from fem.state import State
 from fem.system.sector import representatives
 from fem.system.system import System
 from geometry.assembly import Assembly
@@ -32,6 +34,20 @@ from geometry.meshing.refinement import charts_as, charts_of
 
 #: Points on facets that are evaluated at a time: what a cache holds.
 _AT_ONCE = 1 << 16
+
+#: Mesh of the facets of means, and the mean pressure on each of its interfaces, (n,) [MPa]; None:
+#: those that were solved.
+Facets: TypeAlias = tuple[Assembly, FloatArray] | None
+
+
+def means_on(blocks: Assembly, state: State) -> Facets:
+    """Means of a state over the facets of another mesh of the same blocks, where facets match."""
+    if not state.deformable.meets or state.deformable.contact.finite_sliding:
+        return None
+    order = state.system.orbits.order
+    return blocks, pressures_on_facets(
+        blocks, state.deformable, state.displacements, symmetry=order
+    )
 
 
 def pressures_on_facets(

@@ -224,9 +224,9 @@ def _meets_alike(blocks: Assembly, meshed: Assembly) -> bool:
 
 
 def coarser(problem: Problem, share: float) -> Problem | None:
-    """State a problem with about that share of the elements along every edge.
+    """State a problem with about that share of the elements along every edge; above 1: a finer one.
 
-    None where it has no fewer: hexahedra without a family are not joined; and where there are
+    None where it has as many: hexahedra without a family are not joined; and where there are
     too few for the waves of the faces that meet. Contact is searched where
     facets of the coarser meshes do not match.
     """

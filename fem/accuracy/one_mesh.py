@@ -1,9 +1,9 @@
 """Static states on one mesh, and the other meshes that give them error bars.
 
 Coarser meshes, about half and two thirds as fine, are compared by `fem.accuracy.errors`; where
-there is none, a mesh twice as fine, as far as its work allows. Elements of degree two and more are
-judged by the same elements of one degree less as well, curved hexahedra of degree two by degree
-three, since degree one straightens their edges.
+one of them is missing, a mesh twice as fine as well, as far as its work allows. Elements of degree
+two and more are judged by the same elements of one degree less as well, curved hexahedra of degree
+two by degree three, since degree one straightens their edges.
 """
 
 from __future__ import annotations
@@ -13,9 +13,10 @@ from contextlib import suppress
 from dataclasses import replace
 from typing import NamedTuple
 
-from fem.accuracy.errors import OF_TWO, SAFETY, one_mesh_bars, with_stick
+from fem.accuracy.errors import one_mesh_bars, with_stick
+from fem.accuracy.facets import Facets, means_on
 from fem.accuracy.ladder import coarser, split
-from fem.answer.measures import bracketed, load_step_change, measures_of
+from fem.answer.measures import bracketed, facet_step, load_step_change, measures_of
 from fem.problem import Problem
 from fem.state import State
 from geometry.block import Block
@@ -46,9 +47,9 @@ def static_errors(
     solve
         Solves the problem on another mesh.
     spent
-        Operations of the solution: of elements of degree one without a coarser mesh, such as
-        hexahedra of one's own, the state on a finer one is solved where so much more work is left.
-        None: it is not.
+        Operations of the solution: of elements of degree one with fewer than two coarser meshes,
+        such as hexahedra of one's own, the state on a finer one is solved where so much more work
+        is left. None: it is not.
 
     Raises
     ------
@@ -60,41 +61,39 @@ def static_errors(
         more = problem.degree == 2 and any(map(_is_straightened, problem.blocks.shapes))
         other = solve(replace(problem, degree=problem.degree + (1 if more else -1)))
         degrees = [(values_of(other), 1.0 / _DEGREE if more else _DEGREE)]
-    coarser_ones, stick, safety = list[tuple[Problem, State]](), dict[str, float](), SAFETY
+    coarser_ones, stick = list[tuple[Problem, State]](), dict[str, float]()
     for stated in _coarser_problems(problem):
         try:
             other = solve(stated)
         except LimitError:
             if not coarser_ones:
                 raise
-            safety = OF_TWO
             break
         except RefusedError:
             continue
         if not coarser_ones:
             stick = stick_change(stated, other, solve)
         coarser_ones.append((stated, other))
-    others = [other for _, other in coarser_ones]
-    few = spent is not None and spent.grown(_FINER) <= allowance().work
-    if few and not others and not degrees:
-        with suppress(RefusedError):
-            others = [solve(split(problem, 2, 1))]
     if not coarser_ones:
         stick = stick_change(problem, state, solve)
+    finer: State | None = None
+    few = len(coarser_ones) < len(SHARES) and not degrees
+    if few and spent is not None and spent.grown(_FINER) <= allowance().work:
+        with suppress(RefusedError):
+            finer = solve(_twice_as_fine(problem))
     elements, meshes = state.deformable.n_elements, []
     with unlimited():  # of what is solved
-        for other in others:
+        others = [(other, values_of(other)) for _, other in coarser_ones]
+        if finer is not None:
+            others.append((finer, values_of(finer, means_on(problem.blocks, finer))))
+        for other, found in others:
             refinement = (elements / other.deformable.n_elements) ** (1.0 / 3.0)
             if refinement != 1.0:
-                meshes.append((values_of(other), refinement))
-        bars = one_mesh_bars(
-            values_of(state),
-            meshes,
-            degrees,
-            bracketed(state) if meshes and not degrees else {},
-            load_step_change(state),
-            safety=safety,
-        )
+                meshes.append((found, refinement))
+        values, sides = values_of(state), bracketed(state) if meshes and not degrees else {}
+        bars = one_mesh_bars(values, meshes, degrees, sides, load_step_change(state))
+        if bars.get("p_eff"):
+            bars["p_eff"] += facet_step(state, bars["p_eff"] / values["p_eff"])
     searched = not problem.searches and any(one.searches for one, _ in coarser_ones)
     return OneMeshErrors(with_stick(bars, stick), searched)
 
@@ -124,14 +123,21 @@ def stick_change(
     return {name: abs(value - before[name]) for name, value in after.items()}
 
 
-def values_of(state: State) -> dict[str, float]:
-    """Values of all measures of a state, each in its unit."""
-    return {name: measure.value for name, measure in measures_of(state).items()}
+def values_of(state: State, facets: Facets = None) -> dict[str, float]:
+    """Values of all measures of a state, each in its unit; means over other facets, if given."""
+    return {name: measure.value for name, measure in measures_of(state, facets=facets).items()}
 
 
 def _is_straightened(block: Block) -> bool:
     """Whether elements of degree one lose the shape of a block: curved hexahedra of one's own."""
     return block.curve is not None and block.charts is None
+
+
+def _twice_as_fine(problem: Problem) -> Problem:
+    """The problem on a mesh of half as long elements, of a family or by splitting hexahedra."""
+    family = all(shape.charts is not None for shape in problem.blocks.shapes)
+    finer = coarser(problem, 2.0) if family else None
+    return split(problem, 2, 1) if finer is None else finer
 
 
 def _coarser_problems(problem: Problem) -> Iterator[Problem]:

@@ -55,6 +55,8 @@ _AFTER = 0.25
 _CLOSING_STEPS = 4
 #: What bars include where facets of coarser meshes do not match.
 _TWO_SEARCHES = "contact is searched on coarser meshes, which do not match: bars include the change"
+#: Why a state has none.
+_NO_OTHER = "none: no other mesh of these blocks has a state, or its work is beyond the limit"
 _DEFAULT = Static()
 
 
@@ -298,8 +300,9 @@ def _of_coarser(
         solve = partial(_state, options=options)
         with suppress(LimitError):  # the table says which
             errors, searched = static_errors(problem, state, solve, spent)
-            if searched:
-                parts["notes"] = Notes([Row("error bars", _TWO_SEARCHES, group="evidence")])
+            said = _TWO_SEARCHES if searched else "" if errors else _NO_OTHER
+            if said:
+                parts["notes"] = Notes([Row("error bars", said, group="evidence")])
         follower.watch.lap("error bars")
     elif not method.error_estimate:
         parts["notes"] = Notes([NOT_ASKED])

@@ -213,22 +213,3 @@ def _node_distance(deformable: System, found: FacetPeaks, facet: int) -> float:
         steps = np.linalg.norm(np.diff(line, axis=0), axis=1)
         largest = max(largest, float(steps[max(0, k - 1) : k + 1].max()))
     return largest
-
-
-def mean_of_block_maxima(state: State) -> float:
-    """Mean over free blocks of their largest pressure at a corner of a facet [MPa].
-
-    The limit of the same mean over facets as these shrink; that of integration points where these
-    do not resolve the pressure at corners, or where a search found facets.
-    """
-    contact, result = state.contact_state, _matched_peaks(state)
-    if result is None:
-        pressure = np.zeros(contact.n_facets)
-        np.maximum.at(pressure, contact.facet, contact.point_pressures)
-    else:
-        pressure = result.values
-    assembly = state.deformable.assembly
-    largest = np.zeros(assembly.n_blocks)
-    for block in (contact.block_m, contact.block_s):
-        np.maximum.at(largest, assembly.originals[block], pressure)
-    return float(largest[assembly.free_blocks].mean())

@@ -73,17 +73,19 @@ class BlockMeasures(ReadOnlyArrays):
     """Area of the K_j elements of largest pressure, (n,) [mm²]."""
     p_eff: FloatArray
     """Mean of the K_j largest pressures, (n,) [MPa]."""
+    p_eff_step: FloatArray
+    """Change of that by one element more or one less, the larger one, (n,) [MPa]."""
     p_max: FloatArray
     """Largest pressure, (n,) [MPa]."""
 
 
 def _block_measures(
     pressure: FloatArray, area: FloatArray
-) -> tuple[int, float, float, float, float]:
-    """K, N_eff, effective area, p_eff and p_max of one block (eq. participation ratio)."""
+) -> tuple[int, float, float, float, float, float]:
+    """K, N_eff, effective area, p_eff, its step, p_max of one block (eq. participation ratio)."""
     largest = float(pressure.max(initial=0.0))
     if largest <= 0.0:
-        return 0, 0.0, 0.0, 0.0, 0.0
+        return 0, 0.0, 0.0, 0.0, 0.0, 0.0
     # Of shares of the largest: squares of the pressures may be no numbers of the machine.
     share = pressure / largest
     ratio = float(share.sum()) ** 2 / float(share @ share)
@@ -91,8 +93,12 @@ def _block_measures(
     # taking the floor one lower.
     count = int(np.floor(ratio * (1 + 1e-9)))
     # Ties are ordered by area, so the result does not depend on the numbering.
-    order = np.lexsort((-area, -np.round(share, 9)))[:count]
-    return count, ratio, float(area[order].sum()), float(pressure[order].mean()), largest
+    order = np.lexsort((-area, -np.round(share, 9)))
+    chosen = order[:count]
+    p_eff = float(pressure[chosen].mean())
+    near = [pressure[order[:n]].mean() for n in (count - 1, count + 1) if 0 < n <= len(order)]
+    step = max((abs(float(other) - p_eff) for other in near), default=0.0)
+    return count, ratio, float(area[chosen].sum()), p_eff, step, largest
 
 
 def effective_facets(pressures: FloatArray) -> BoolArray:
@@ -132,8 +138,8 @@ def block_measures(
         _block_measures(clean[contact[i:j]], areas[contact[i:j]])
         for i, j in zip(first, last, strict=True)
     ]
-    count, ratio, area, p_eff, p_max = (np.array(c) for c in zip(*rows, strict=True))
-    return BlockMeasures(count.astype(np.int64), ratio, area, p_eff, p_max)
+    count, ratio, area, p_eff, step, p_max = (np.array(c) for c in zip(*rows, strict=True))
+    return BlockMeasures(count.astype(np.int64), ratio, area, p_eff, step, p_max)
 
 
 def measures(

@@ -34,9 +34,6 @@ def test_a_clearance_leaves_the_pressure_at_a_point_in_the_solved_state(clearanc
     if not peak.resolved:
         assert peak.value == contact_measures(run.details).p_max_point
         assert bracketed(run.details)["p_max_point"] >= (LARGEST_FACTOR - 1.0) * peak.value
-    assert (
-        bracketed(run.details)["p_max"] < contact_measures(run.details).p_max_point * LARGEST_FACTOR
-    )
 
 
 def test_a_pressure_that_is_not_resolved_is_printed_as_such() -> None:

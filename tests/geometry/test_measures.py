@@ -39,9 +39,11 @@ def test_one_pressed_element_of_many() -> None:
 
 def test_participation_ratio_by_hand() -> None:
     # (1 + 2 + 3)² / (1 + 4 + 9) = 36 / 14 = 2.57: the two largest, mean 2.5.
+    # Of one it is 3, of three 2.
     found = one_block([1.0, 3.0, 2.0])
     assert found.participation[0] == 2
     assert found.p_eff[0] == pytest.approx(2.5)
+    assert found.p_eff_step[0] == pytest.approx(0.5)
 
 
 def test_unpressed_block_has_no_effective_area() -> None:
