@@ -439,3 +439,12 @@ def run_starts(*keys: IntArray) -> IntArray:
     for key in keys:
         change |= np.diff(key) != 0
     return np.concatenate([[0], np.flatnonzero(change) + 1, [n]])
+
+
+def connected_parts(n: int, one: IntArray, other: IntArray) -> IntArray:
+    """Number of the part that each of n things is in, (n,), where pairs of them hang together."""
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+
+    graph = coo_array((np.ones(len(one)), (one, other)), shape=(n, n))
+    return connected_components(graph, directed=False)[1].astype(np.int64)

@@ -16,8 +16,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
 from geometry.assembly import Assembly
 from geometry.block import Block, Curve
@@ -40,6 +38,7 @@ from geometry.mesh import (
     MeshError,
     boundary_quads,
     check_mesh,
+    connected_parts,
     grid_points,
     structured_hexahedra,
 )
@@ -131,12 +130,9 @@ def connected_solids(
     Sets of the file are faces and edges of the parts.
     """
     check_mesh(mesh, str(path))
-    rows = np.repeat(np.arange(mesh.n_elements), 8)
-    graph = coo_array(
-        (np.ones(8 * mesh.n_elements), (rows, mesh.elements.ravel())),
-        shape=(mesh.n_elements, mesh.n_nodes),
-    ).tocsr()
-    _, label = connected_components(graph @ graph.T, directed=False)
+    n = mesh.n_elements
+    label = connected_parts(n + mesh.n_nodes, np.repeat(np.arange(n), 8), n + mesh.elements.ravel())
+    label = label[:n]
     parts = []
     for number in range(int(label.max()) + 1):
         mine = label == number

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from geometry.files.vtu import as_surface
 from geometry.mesh import FloatArray, IntArray
 from geometry.polyhedra.near.triangle_search import directed_edges, distinct_rows, undirected_edges
 
@@ -50,33 +51,25 @@ def repaired(
 
 
 def turned_alike(triangles: IntArray) -> IntArray:
-    """Turn the triangles of each connected surface all as its first one, (n_triangles, 3).
+    """Turn the triangles of each connected surface all as its first one, (n_triangles, 3) (VTK).
 
     Neighbours are found across edges of two triangles; at others the surface may part.
     """
-    by_edge: dict[tuple[int, int], list[int]] = {}
-    for k, (a, b, c) in enumerate(triangles.tolist()):
-        for edge in ((a, b), (b, c), (c, a)):
-            by_edge.setdefault((min(edge), max(edge)), []).append(k)
-    turned = triangles.copy()
-    seen = np.zeros(len(triangles), dtype=bool)
-    for seed in range(len(triangles)):
-        if seen[seed]:
-            continue
-        seen[seed], todo = True, [seed]
-        while todo:
-            a, b, c = turned[todo.pop()].tolist()
-            for start, end in ((a, b), (b, c), (c, a)):
-                around = by_edge[min(start, end), max(start, end)]
-                for other in around if len(around) == 2 else ():
-                    if seen[other]:
-                        continue
-                    p, q, r = turned[other].tolist()
-                    if (start, end) in ((p, q), (q, r), (r, p)):
-                        turned[other] = turned[other, ::-1]
-                    seen[other] = True
-                    todo.append(other)
-    return turned
+    from vtkmodules.util.numpy_support import vtk_to_numpy
+    from vtkmodules.vtkFiltersCore import vtkPolyDataNormals
+
+    if not len(triangles):
+        return triangles
+    # VTK turns cells on the way to their normals, for which any points do.
+    turn = vtkPolyDataNormals()
+    turn.SetInputData(as_surface(np.zeros((int(triangles.max()) + 1, 3)), triangles))
+    turn.SplittingOff()
+    turn.NonManifoldTraversalOff()
+    turn.ComputePointNormalsOff()
+    turn.ComputeCellNormalsOn()
+    turn.Update()
+    corners = vtk_to_numpy(turn.GetOutput().GetPolys().GetConnectivityArray())
+    return corners.reshape(-1, 3).astype(np.int64)
 
 
 def _without_holes(points: FloatArray, triangles: IntArray) -> tuple[FloatArray, IntArray, int]:

@@ -12,12 +12,10 @@ from pathlib import Path
 from typing import Any, Protocol
 
 import numpy as np
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 from scipy.spatial import ConvexHull, cKDTree
 
 from geometry.block import Block
-from geometry.mesh import BoolArray, FloatArray, IntArray, MeshError
+from geometry.mesh import BoolArray, FloatArray, IntArray, MeshError, connected_parts
 from geometry.polyhedra.near.box_tree import BoxTree, boxes_of_triangles
 from geometry.polyhedra.near.triangle_search import (
     Surface,
@@ -422,10 +420,9 @@ def merge_points(points: FloatArray, triangles: IntArray) -> tuple[FloatArray, I
     pairs = cKDTree(points).query_pairs(step, output_type="ndarray")
     if not len(pairs):
         return points, _of_three_points(triangles)
-    graph = coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(len(points),) * 2)
-    _, label = connected_components(graph, directed=False)
+    label = connected_parts(len(points), *pairs.T)
     _, first = np.unique(label, return_index=True)
-    return points[first], _of_three_points(label[triangles].astype(np.int64))
+    return points[first], _of_three_points(label[triangles])
 
 
 def _of_three_points(triangles: IntArray) -> IntArray:

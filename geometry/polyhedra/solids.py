@@ -8,10 +8,8 @@ that share an edge, a corner or a whole face come apart, and one that touches it
 from __future__ import annotations
 
 import numpy as np
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
-from geometry.mesh import BoolArray, FloatArray, IntArray, MeshError
+from geometry.mesh import BoolArray, FloatArray, IntArray, MeshError, connected_parts
 from geometry.polyhedra.near.triangle_search import (
     distinct_rows,
     in_one_piece,
@@ -44,7 +42,7 @@ def closed_solids(name: str, points: FloatArray, triangles: IntArray) -> list[In
         volume = _six_volumes(points[triangles] - points.mean(axis=0)).sum()
         return [triangles if volume >= 0.0 else triangles[:, ::-1]]
     outward, turned = _turned_outward(points, triangles)
-    label = _components(len(triangles), across_matter(name, points, outward))
+    label = connected_parts(len(triangles), *across_matter(name, points, outward).T)
     _, first = np.unique(label, return_index=True)
     first = np.sort(first)
     solids = [outward[label == label[k]] for k in first]
@@ -60,7 +58,7 @@ def one_solid(points: FloatArray, triangles: IntArray) -> IntArray:
         Of surfaces that are each turned one way, whichever; (n_points, 3) and (n_triangles, 3).
     """
     outward, _ = _turned_outward(points, triangles)
-    label = _components(len(points), outward[:, [[0, 1], [1, 2]]].reshape(-1, 2))[outward[:, 0]]
+    label = _parts(len(points), outward)
     shells = [outward[label == k] for k in np.unique(label)]
     return np.concatenate(with_cavities(points, shells))
 
@@ -198,14 +196,13 @@ def _turned_outward(points: FloatArray, triangles: IntArray) -> tuple[IntArray, 
 
     Returns the triangles and whether each was turned.
     """
-    corners = triangles[:, [[0, 1], [1, 2]]].reshape(-1, 2)
-    label = _components(len(points), corners)[triangles[:, 0]]
+    label = _parts(len(points), triangles)
     volume = np.bincount(label, weights=_six_volumes(points[triangles] - points.mean(axis=0)))
     turned = volume[label] < 0.0
     return np.where(turned[:, None], triangles[:, ::-1], triangles), turned
 
 
-def _components(n: int, pairs: IntArray) -> IntArray:
-    graph = coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(n, n))
-    _, label = connected_components(graph, directed=False)
-    return label.astype(np.int64)
+def _parts(n_points: int, triangles: IntArray) -> IntArray:
+    """Number of the part that each triangle is in: what shares corners is one, (n_triangles,)."""
+    start, end = triangles[:, [[0, 1], [1, 2]]].reshape(-1, 2).T
+    return connected_parts(n_points, start, end)[triangles[:, 0]]

@@ -19,13 +19,11 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
-import scipy.sparse as sp
-from scipy.sparse.csgraph import connected_components
 
 from geometry.assembly import Assembly
 from geometry.loads import LoadCase
 from geometry.machine.work import allowance, budget, clock
-from geometry.mesh import BoolArray, FloatArray
+from geometry.mesh import BoolArray, FloatArray, connected_parts
 from geometry.parts.balance import of_fixed_blocks, together
 from geometry.parts.measures import joint_resultants
 from geometry.parts.placed import AnyBlocks
@@ -526,9 +524,7 @@ class Construction:
         """Reject blocks that nothing holds and nothing may prop."""
         found, n = self.blocks.interfaces, len(there)
         touch = there[found.block_m] & there[found.block_s]
-        pairs = found.block_m[touch], found.block_s[touch]
-        graph = sp.coo_array((np.ones(len(pairs[0])), pairs), (n, n))
-        _, of = connected_components(graph.tocsr(), directed=False)
+        of = connected_parts(n, found.block_m[touch], found.block_s[touch])
         held = self.fixed | self._may
         held[[s.block for s in self.problem.rigid_load.held if not s.is_push]] = True
         held &= there

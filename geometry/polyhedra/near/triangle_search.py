@@ -5,10 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
-from geometry.mesh import BoolArray, FloatArray, IntArray
+from geometry.mesh import BoolArray, FloatArray, IntArray, connected_parts
 from geometry.polyhedra.near.box_tree import BoxTree
 from geometry.polyhedra.near.triangle_kernels import (
     DEEPEST,
@@ -148,10 +146,7 @@ def smooth_groups(triangles: IntArray, normals: FloatArray, angle: float) -> Int
     one, side = np.nonzero(np.arange(len(across))[:, None] < across)
     two = across[one, side]
     blunt = np.einsum("ni,ni->n", normals[one], normals[two]) > np.cos(angle)
-    graph = coo_array(
-        (np.ones(int(blunt.sum())), (one[blunt], two[blunt])), shape=(len(triangles),) * 2
-    )
-    return connected_components(graph, directed=False)[1].astype(np.int64)
+    return connected_parts(len(triangles), one[blunt], two[blunt])
 
 
 def directed_edges(triangles: IntArray) -> IntArray:
