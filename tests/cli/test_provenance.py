@@ -98,7 +98,7 @@ def test_files_of_the_scene_are_no_outputs(tmp_path: Path) -> None:
     mine = tmp_path / "mine.toml"
     mine.write_text(builtin_text("tsb1-pipe"), "utf-8")
     with pytest.raises(Exception, match="is a file that this call reads"):
-        Outputs(json=str(mine), scene=load_case(str(mine))).__enter__()
+        Outputs(json=str(mine), case=load_case(str(mine))).__enter__()
     assert tomllib.loads(mine.read_text("utf-8"))["block"]["type"] == "sine"
 
 

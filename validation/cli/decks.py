@@ -61,7 +61,7 @@ def export(
             raise InputError(f"{option}: {output} is no deck; expected -o FILE.inp")
         _export_blocks(file, output)
         return
-    with Outputs(files={"-o": output}, scene=file) as outputs:
+    with Outputs(files={"-o": output}, case=file) as outputs:
         kind = None if flavour is None else Flavour(flavour)
         written = export_deck(file, kind, output)
         outputs.console.print(export_table(written, verbose=verbose))
@@ -76,7 +76,7 @@ def _export_blocks(file: Case, output: Path) -> None:
     from validation.output.files import prepare_file
     from validation.output.outputs import Outputs
 
-    with Outputs(files={"-o": output}, scene=file) as outputs:
+    with Outputs(files={"-o": output}, case=file) as outputs:
         if output.suffix.lower() not in SOLID_SUFFIXES:
             raise InputError(f"-o {output}: expected a name that ends in .inp, .obj or .json")
         problem = file.with_method("rigid").problem

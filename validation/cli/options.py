@@ -143,7 +143,7 @@ def scene_outputs(
     folder = default if output is None and json is None else output
     if more.get("fields") and folder is None:
         raise InputError("--fields: got no folder for them; name one with -o DIR")
-    return Outputs(json, folder, names, scene=file, **more)
+    return Outputs(json, folder, names, case=file, **more)
 
 
 def with_auto(case: Case, tolerance: str | None, keep: Iterable[str] = ()) -> Case:

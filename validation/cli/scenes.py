@@ -71,7 +71,7 @@ def show(scene: SceneArgument, *, output: Path | None = None, settings: SetOptio
     file = load_case(scene, settings or ())
     picture = output or Path("out") / file.name / "assembly.png"
     require_picture(picture)
-    with Outputs(files={"-o": picture}, scene=file) as outputs:
+    with Outputs(files={"-o": picture}, case=file) as outputs:
         _draw_scene(file, picture)
         outputs.say("picture", picture)
 
@@ -127,7 +127,7 @@ def report(
     page = Path("out") / file.name / "report.html" if output is None else output
     if page.suffix.lower() not in PAGES:
         raise InputError(f"-o {page}: expected a file name that ends in .html")
-    with Outputs(json, files={"-o": page}, scene=file) as outputs:
+    with Outputs(json, files={"-o": page}, case=file) as outputs:
         with solver_progress(file.name) as tell:
             result = report_scene(file, deformable=not quick, load_cases=load_cases, tell=tell)
             if result.deformable is not None:

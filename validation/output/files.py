@@ -169,13 +169,13 @@ def program() -> str:
 class Provenance:
     """Origin that every file of one call states."""
 
-    scene: Case | None = None
-    """Scene that was asked about; None where the call has none or several."""
+    case: Case | None = None
+    """What was asked about; None where the call has none or several."""
 
     def line(self) -> str:
         """One line: program, scene, load, mesh, day."""
         parts = [f"tubelock {program()}"]
-        if self.scene is not None:
+        if self.case is not None:
             stated = self.as_json()["scene"]
             parts += [
                 f"{section} {_words(stated[section])}"
@@ -192,8 +192,8 @@ class Provenance:
             "python": platform.python_version(),
             "libraries": {name: metadata.version(name) for name in _LIBRARIES},
         }
-        if self.scene is not None:
-            result["scene"] = {"name": self.scene.name, **self.scene.keys}
+        if self.case is not None:
+            result["scene"] = {"name": self.case.name, **self.case.keys}
         return result
 
 

@@ -56,8 +56,8 @@ class Outputs:
     """Files of results, which are read and added to, by the option that names them."""
     reads: tuple[Path, ...] = ()
     """Files that the call reads, beside those of its scene."""
-    scene: Case | None = None
-    """Scene that the call is about; what is written names it."""
+    case: Case | None = None
+    """What the call is about; what is written names it."""
     fields: bool = False
     """Whether fields for ParaView and arrays, which are large, are written too."""
     exit_line: bool = True
@@ -71,7 +71,7 @@ class Outputs:
     @cached_property
     def origin(self) -> Provenance:
         """Origin that every file states."""
-        return Provenance(self.scene)
+        return Provenance(self.case)
 
     @cached_property
     def console(self) -> Console:
@@ -93,7 +93,7 @@ class Outputs:
             if self._draws:
                 from validation.output.pictures.gallery import showing
 
-                made.enter_context(showing(None if self.scene is None else self.scene.pictures))
+                made.enter_context(showing(None if self.case is None else self.case.pictures))
             self._open = made.pop_all()
         return self
 
@@ -119,7 +119,7 @@ class Outputs:
                 yield option, path
 
     def _refuse_inputs(self, named: list[tuple[str, Path]]) -> None:
-        for source in (*self.reads, *(() if self.scene is None else self.scene.reads)):
+        for source in (*self.reads, *(() if self.case is None else self.case.reads)):
             for option, path in named:
                 if _same(path, source):
                     raise InputError(
@@ -198,11 +198,11 @@ class Outputs:
         ``method`` is that of the case, or "static deck", "explicit deck" and "blocks"; ``answered``
         is whether the table of an answer has them already, but for pictures that are not drawn.
         """
-        if self.scene is None:
+        if self.case is None:
             return
-        use = self.scene.key_use(method, drawn=self._draws)
+        use = self.case.key_use(method, drawn=self._draws)
         self._unused, self._defaults = tuple(use.idle), use.defaults
-        known = self.scene.key_use(method).words.items() if answered else ()
+        known = self.case.key_use(method).words.items() if answered else ()
         for head, words in use.words.items():
             if (head, words) not in known:
                 self.console.print(f"{head:9} {words}")

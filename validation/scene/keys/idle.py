@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 from pydantic import BaseModel
 
 from fem.contact.law import LAWS
+from fem.method import Explicit, Static
 from geometry.loads import CASES
 from validation.scene.sections import ContactPairSection, law_keys
 
@@ -33,15 +34,18 @@ _ELASTIC = (
     ),
     *("effects.elastic_frame", "effects.friction.stick_stiffness"),
 )
+#: Fields of methods that decks have.
+_WRITTEN = {"end_time", "ramp_time", "damping", "time_step", "safety_factor", "frames"}
 _IN_TIME = ("effects.rayleigh", "effects.bulk_viscosity")
 #: Of a scene's answer, which decks leave to the program that reads them.
 _NOT_WRITTEN = (
     *("rigid", "stages", "sections", "material.averaging_radius", "material.tensile_strength"),
-    *("material.compressive_strength", "fem.mesh", "fem.accuracy"),
-    *("fem.max_work", "fem.max_seconds", "fem.max_memory", "fem.max_meshes"),
-    *("fem.error_estimate", "fem.load_steps", "fem.motion_steps", "fem.symmetry"),
-    *("fem.residual", "fem.threads"),
-    "fem.sample_interval",
+    "material.compressive_strength",
+    *(
+        f"fem.{one.name}"
+        for one in (*fields(Static), *fields(Explicit))
+        if one.name not in _WRITTEN
+    ),
 )
 #: Sections and keys that a method does not have, by its name.
 _ABSENT: Mapping[str, tuple[str, ...]] = {
