@@ -17,9 +17,9 @@ from tests.verification.evidence import (
 )
 from validation import InputError, load_case, solve
 from validation.paper.claims.judge import claims, judge_claims
-from validation.paper.errata import errata, show_errata
+from validation.paper.errata import ERRATA, show_errata
 from validation.paper.evidence import PaperEvidence, StudyTable
-from validation.paper.reading import SharedTubes, ingredients, reading_variants, to_the_digit
+from validation.paper.reading import INGREDIENTS, SharedTubes, reading_variants, to_the_digit
 from validation.paper.tables import compute_tables
 from validation.paper.verdict import Truth
 
@@ -130,7 +130,7 @@ def test_each_ingredient_moves_what_it_says(tmp_path) -> None:
     whole, *without = reading_variants(solve)
     assert whole.of == 33
     moved = {item.ingredient: set(item.moved(whole)) for item in without}
-    assert set(moved) == {ingredient.name for ingredient in ingredients()}
+    assert set(moved) == set(INGREDIENTS)
     parts = {name: {place.split()[2] for place in places} for name, places in moved.items()}
     assert parts["pooled-p-eff"] == {"p_eff"}
     assert parts["counted-elements"] == parts["not-rounded-down"] == {"effective"}
@@ -215,7 +215,7 @@ def test_notches_are_found_where_the_wave_is_deepest(deformable_evidence) -> Non
 
 def test_every_erratum_is_shown_by_its_own_command(tmp_path) -> None:
     shown = {row["name"]: row for row in show_errata(coarse_evidence(tmp_path))}
-    assert set(shown) == {erratum.name for erratum in errata()}
+    assert set(shown) == {erratum.name for erratum in ERRATA}
     assert all(row["command"].endswith(name) for name, row in shown.items())
     program = shown["degenerate-program"]["values"]
     assert program["z"] == program["6 N_b"] == 48

@@ -145,7 +145,7 @@ def errata(names: list[str] | None = None, *, json: JsonOption = None) -> None:
     from validation.paper.shown.printing import print_errata
     from validation.statement import chosen_by_name
 
-    chosen_by_name(errata.errata(), names, "erratum")
+    chosen_by_name(errata.ERRATA, names, "erratum")
     with Outputs(json, _DATA, ("*.jsonl",)) as outputs:
         with following("errata") as tell:
             result = errata.show_errata(PaperEvidence(_DATA, tell), names)

@@ -14,13 +14,13 @@ from geometry import RefusedError, SineBlock
 from mbd import contact_jacobian
 from validation import load_case, solve
 from validation.paper.evidence import FloatArray, PaperEvidence, block_of_tube, p_max
-from validation.paper.reading import Ingredient, ingredients, reading_variants
+from validation.paper.reading import INGREDIENTS, reading_variants
 from validation.paper.reference import reference
-from validation.paper.verdict import ClaimVerdict, Statements, Truth
-from validation.statement import Statement, chosen_by_name
+from validation.paper.verdict import ClaimVerdict, Judge, Statements, Truth
+from validation.statement import chosen_by_name
 
 #: In the order of their demonstrations.
-_ERRATA = Statements("erratum")
+ERRATA = Statements("erratum")
 #: What an erratum is shown by: a number in words, and as data.
 shown = partial(ClaimVerdict, Truth.TRUE)
 
@@ -64,7 +64,7 @@ def _most(n: int, n_bounded: int, **constraints: Any) -> Any:
     return solution
 
 
-@_ERRATA.add
+@ERRATA.add
 def _degenerate_program(_: PaperEvidence) -> ClaimVerdict:
     settings = ["assembly.layers=2", "mesh.around=24", "mesh.radial=3", "mesh.axial=6"]
     case = load_case("tsb1-pipe", settings, method="rigid")
@@ -81,15 +81,25 @@ def _degenerate_program(_: PaperEvidence) -> ClaimVerdict:
     )
 
 
-def _ingredient(ingredient: Ingredient) -> Statement:
-    """Erratum of one ingredient of the reading that gives the tables."""
+def _radii(evidence: PaperEvidence) -> str:
+    """Say how far from the axis both points of a block lie."""
+    run = evidence.case("TSB1", "shaft")
+    blocks, block = run.details.blocks, int(run.details.load.block[0])
+    surface = blocks.nodes(block)[blocks.shape(block).surface_nodes]
+    points = surface.mean(axis=0), blocks.centroids[block]
+    mean, mass = (float(np.hypot(*point[:2])) for point in points)
+    return f"in TSB1 they are {mean:.1f} and {mass:.1f} mm from the axis"
+
+
+def _without(name: str) -> Judge:
+    """Show an ingredient of the reading by the tables without it."""
 
     def show(evidence: PaperEvidence) -> ClaimVerdict:
-        whole, without = reading_variants(evidence.rigid, [ingredient])
+        whole, without = reading_variants(evidence.rigid, [name])
         moved = without.moved(whole)
         among = moved or without.differences
         place, error = max(among.items(), key=lambda item: abs(item[1]))
-        more = "" if ingredient.more is None else f"; {ingredient.more(evidence.rigid)}"
+        more = f"; {_radii(evidence)}" if name == "shaft-point" else ""
         return shown(
             f"without this assumption {without.to_the_digit} instead of {whole.to_the_digit} of "
             f"{whole.of} values agree to the last digit: it moves {len(moved)}, {place} from "
@@ -97,8 +107,11 @@ def _ingredient(ingredient: Ingredient) -> Statement:
             {"with": asdict(whole), "without": asdict(without), "moved": moved},
         )
 
-    text = {"printed": ingredient.text, "meant": ingredient.tables}
-    return Statement(ingredient.name, text, show)
+    return show
+
+
+for _name in INGREDIENTS:
+    ERRATA.add(_without(_name), _name)
 
 
 def _wave(block: SineBlock, across: FloatArray) -> FloatArray:
@@ -107,7 +120,7 @@ def _wave(block: SineBlock, across: FloatArray) -> FloatArray:
     return block.amplitude * np.sin(2 * np.pi * phase)
 
 
-@_ERRATA.add
+@ERRATA.add
 def _density_unit(evidence: PaperEvidence) -> ClaimVerdict:
     fem = reference()["fem"]
     run = evidence.case("TSB1", "pipe")
@@ -125,7 +138,7 @@ def _density_unit(evidence: PaperEvidence) -> ClaimVerdict:
     )
 
 
-@_ERRATA.add
+@ERRATA.add
 def _friction(evidence: PaperEvidence) -> ClaimVerdict:
     run = evidence.case("TSB1", "pipe")
     coefficient = reference()["fem"]["friction_coefficient"]
@@ -145,7 +158,7 @@ def _friction(evidence: PaperEvidence) -> ClaimVerdict:
     )
 
 
-@_ERRATA.add
+@ERRATA.add
 def _half_block(_: PaperEvidence) -> ClaimVerdict:
     block = block_of_tube(load_case("tsb1-pipe"))
     half = block.inner_radius * np.sqrt(2 * (1 - np.cos(np.pi / block.blocks_per_layer)))
@@ -165,7 +178,7 @@ def _half_block(_: PaperEvidence) -> ClaimVerdict:
     )
 
 
-@_ERRATA.add
+@ERRATA.add
 def _layer_shift(_: PaperEvidence) -> ClaimVerdict:
     block = block_of_tube(load_case("tsb1-pipe"))
     across = np.linspace(0.0, 1.0, 3001)
@@ -181,7 +194,7 @@ def _layer_shift(_: PaperEvidence) -> ClaimVerdict:
     )
 
 
-@_ERRATA.add
+@ERRATA.add
 def _one_wave(evidence: PaperEvidence) -> ClaimVerdict:
     """Three designs of the study with either turn: what the paper says holds for one of them."""
     by_frequency = {f: p_max(evidence.tsb((0.0, f, 6, 30.0, 25.0))) for f in (1.0, 1.5, 2.0)}
@@ -196,7 +209,7 @@ def _one_wave(evidence: PaperEvidence) -> ClaimVerdict:
     )
 
 
-@_ERRATA.add
+@ERRATA.add
 def _pillar_frames(evidence: PaperEvidence) -> ClaimVerdict:
     words, values = [], {}
     for block in ("TSB1", "TSB2", "THB0"):
@@ -207,7 +220,7 @@ def _pillar_frames(evidence: PaperEvidence) -> ClaimVerdict:
     return shown("; ".join(words), values)
 
 
-@_ERRATA.add
+@ERRATA.add
 def _rotation_variation(_: PaperEvidence) -> ClaimVerdict:
     rng = np.random.default_rng(0)
     axis = rng.standard_normal(3)
@@ -227,7 +240,7 @@ def _rotation_variation(_: PaperEvidence) -> ClaimVerdict:
     )
 
 
-@_ERRATA.add
+@ERRATA.add
 def _captions(_: PaperEvidence) -> ClaimVerdict:
     principal = np.linalg.eigvalsh(np.diag([2.0, -1.0, 0.5]))[::-1]
     return shown(
@@ -237,15 +250,10 @@ def _captions(_: PaperEvidence) -> ClaimVerdict:
     )
 
 
-def errata() -> list[Statement]:
-    """Return all errata, those of the tables' reading after the first."""
-    return [_ERRATA[0], *(_ingredient(ingredient) for ingredient in ingredients()), *_ERRATA[1:]]
-
-
 def show_errata(evidence: PaperEvidence, names: list[str] | None = None) -> list[dict[str, Any]]:
     """Demonstrate all errata, or some by name (`chosen_by_name`), with the command that does it."""
     rows = []
-    for erratum in chosen_by_name(errata(), names, "erratum"):
+    for erratum in chosen_by_name(ERRATA, names, "erratum"):
         verdict = erratum.judge(evidence)
         by = {"shown": verdict.number, "values": verdict.values}
         command = f"tubelock reproduce errata {erratum.name}"

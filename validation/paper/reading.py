@@ -7,7 +7,7 @@ an ingredient shows how many of the printed numbers then still come out to the l
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any, Protocol, TypeAlias
 
@@ -91,22 +91,6 @@ def to_the_digit(quantity: str, printed: float, value: float | None) -> bool:
 Without: TypeAlias = Callable[[Solve, str, str], Values | None]
 
 
-@dataclass(frozen=True)
-class Ingredient:
-    """One choice of the reading, and what becomes of a row without it."""
-
-    name: str
-    """Short, for the command line."""
-    text: str
-    """What the paper says."""
-    tables: str
-    """What its tables do."""
-    without: Without
-    """Asked of every row."""
-    more: Callable[[Solve], str] | None = None
-    """Says what else shows it."""
-
-
 def _measured_by(quantity: str, measure: str) -> Without:
     """Rows in which a quantity is another of the measures."""
 
@@ -165,69 +149,17 @@ def _at_mass_centroid(run: Answer) -> LoadCase:
     return replace(run.details.load, faces=(), body_wrenches=forces)
 
 
-def _radii(solve: Solve) -> str:
-    """Say how far from the axis both points of a block lie."""
-    run = solve_row(solve, "TSB1", "shaft")
-    blocks, block = run.details.blocks, int(run.details.load.block[0])
-    surface = blocks.nodes(block)[blocks.shape(block).surface_nodes]
-    points = surface.mean(axis=0), blocks.centroids[block]
-    mean, mass = (float(np.hypot(*point[:2])) for point in points)
-    return f"in TSB1 they are {mean:.1f} and {mass:.1f} mm from the axis"
-
-
-def ingredients() -> tuple[Ingredient, ...]:
-    """Return the ingredients of the reading."""
-    return (
-        Ingredient(
-            "pooled-p-eff",
-            "p_eff is the mean over the blocks of the mean of the K_j largest pressures",
-            "the mean of all effective elements of all blocks together, Σ Σ p_ij / Σ K_j",
-            _measured_by("p_eff", "p_eff"),
-        ),
-        Ingredient(
-            "counted-elements",
-            "effective contact area [%], from the areas of the surface elements",
-            "100 N_eff,j / k_b: elements are counted",
-            _measured_by("effective", "effective_area_percent"),
-        ),
-        Ingredient(
-            "not-rounded-down",
-            "K_j = ⌊N_eff,j⌋, the participation ratio rounded down",
-            "the percentages take N_eff,j as it is",
-            _measured_by("effective", "effective_count_percent"),
-        ),
-        Ingredient(
-            "mesh-of-the-tables",
-            "names no mesh; the smallest sum of squared forces depends on it",
-            "84 × 24 × 20 elements a block (THB0: 40 on an edge × 24), not 84 × 8 × 20 (28 × 8)",
-            _other_mesh,
-        ),
-        Ingredient(
-            "tsb2-wave",
-            "s = 0.5; from which edge the wave runs is in no formula",
-            "TSB2 has a valley at its left edge: block.shift = 1.5, not 0.5",
-            _with_setting("block.shift=0.5", "TSB2"),
-        ),
-        Ingredient(
-            "beam-pressure",
-            "beam: a constant surface load on the outer surface of one block",
-            "the true normal pressure, not one constant direction",
-            _with_load(lambda run: _one_direction(run.details.load), "beam"),
-        ),
-        Ingredient(
-            "shaft-force",
-            "shaft: tangential surface loads on the outer faces of layer 7",
-            "only the resultant force of each block; with the full traction comes its couple",
-            _with_setting("load.as_printed=false", "shaft"),
-        ),
-        Ingredient(
-            "shaft-point",
-            "moments are taken about the mass centroid",
-            "the resultant acts at the mean of the block's surface nodes, not at its mass centroid",
-            _with_load(_at_mass_centroid, "shaft"),
-            _radii,
-        ),
-    )
+#: What becomes of a row without an ingredient of the reading, by the name of its erratum.
+INGREDIENTS: Mapping[str, Without] = {
+    "pooled-p-eff": _measured_by("p_eff", "p_eff"),
+    "counted-elements": _measured_by("effective", "effective_area_percent"),
+    "not-rounded-down": _measured_by("effective", "effective_count_percent"),
+    "mesh-of-the-tables": _other_mesh,
+    "tsb2-wave": _with_setting("block.shift=0.5", "TSB2"),
+    "beam-pressure": _with_load(lambda run: _one_direction(run.details.load), "beam"),
+    "shaft-force": _with_setting("load.as_printed=false", "shaft"),
+    "shaft-point": _with_load(_at_mass_centroid, "shaft"),
+}
 
 
 @dataclass(frozen=True)
@@ -264,9 +196,7 @@ class ReadingVariant:
         }
 
 
-def reading_variants(
-    solve: Solve, chosen: Sequence[Ingredient] | None = None
-) -> list[ReadingVariant]:
+def reading_variants(solve: Solve, chosen: Iterable[str] = INGREDIENTS) -> list[ReadingVariant]:
     """Leave out one ingredient after the other, by default of all; first, the reading as it is."""
     rows = [
         (block, case, {q: row[q] for q in DECIMALS})
@@ -276,10 +206,10 @@ def reading_variants(
     ]
     whole = [as_read(solve_row(solve, block, case).details.measures) for block, case, _ in rows]
     entries = [_entry("all of them", rows, whole)]
-    for ingredient in ingredients() if chosen is None else chosen:
-        changed = [ingredient.without(solve, block, case) for block, case, _ in rows]
+    for name in chosen:
+        changed = [INGREDIENTS[name](solve, block, case) for block, case, _ in rows]
         values = [c if c is not None else w for c, w in zip(changed, whole, strict=True)]
-        entries.append(_entry(ingredient.name, rows, values))
+        entries.append(_entry(name, rows, values))
     return entries
 
 
