@@ -117,6 +117,13 @@ def test_derivatives_go_on_from_the_rows_that_are_left(tmp_path: Path) -> None:
         assert len(store.read_bytes().splitlines()) == len(lines) + 1  # a line was cut
 
 
+def test_a_limit_that_leaves_one_mesh_leaves_no_derivative() -> None:
+    """Between those of a coarse and of a fine mesh lies what they differ by, not a derivative."""
+    one = {"assembly.layers": 1, "mesh.around": 12, "fem.max_work": 0.1}
+    with pytest.raises(InputError, match=r"tsb1-pipe: mesh 2 is not solved: the limit of work"):
+        sensitivity("tsb1-pipe", one, method="fem", parameters=["block.blocks_per_layer"])
+
+
 @pytest.mark.slow
 def test_a_search_of_all_designs_finds_the_best_and_goes_on(tmp_path: Path) -> None:
     """The best is that of the study of all; a second call computes nothing again."""

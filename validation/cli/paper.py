@@ -117,7 +117,7 @@ def deformable(*, output: Path = _DATA, rows: Path | None = None, json: JsonOpti
     """
     from validation.output.outputs import Outputs
     from validation.paper import deformable_study as study
-    from validation.paper.shown.deformable_study import draw_deformable_study
+    from validation.paper.shown.figures import draw_deformable_study
     from validation.paper.shown.printing import print_deformable_study
 
     reads = () if rows is None else (rows,)
