@@ -9,8 +9,15 @@ from typing import Any
 
 import numpy as np
 
-from fem.answer.energies import energies_of, energy_balance, released_at_start
-from fem.answer.forces import imbalance_of, joints_of, push_curves_of, reactions_of
+from fem.answer.forces import (
+    energies_of,
+    energy_balance,
+    imbalance_of,
+    joints_of,
+    push_curves_of,
+    reactions_of,
+    released_at_start,
+)
 from fem.answer.measures import contact_on, contacts_of, measures_of
 from fem.answer.motion import (
     large_motion,

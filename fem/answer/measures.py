@@ -15,8 +15,7 @@ from functools import cache
 
 import numpy as np
 
-from fem.answer.energies import work_of_motion
-from fem.answer.forces import joints_of, push_curves_of
+from fem.answer.forces import joints_of, push_curves_of, work_of_motion
 from fem.answer.pressures import (
     ContactMeasures,
     contact_measures,

@@ -5,8 +5,7 @@ from __future__ import annotations
 from dataclasses import asdict
 from typing import TYPE_CHECKING
 
-from fem.answer.energies import released_at_start
-from fem.answer.forces import push_curves_of
+from fem.answer.forces import push_curves_of, released_at_start
 from fem.answer.measures import contact_on
 from fem.answer.motion import (
     large_motion,

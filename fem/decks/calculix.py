@@ -49,7 +49,7 @@ _CONVERGENCE = (1.0e-6, 1.0e-4)
 
 
 def calculix_lines(deck: Deck) -> Iterator[str]:
-    """Lines of a flat deck for CalculiX: see `fem.decks.write.deck_lines`."""
+    """Lines of a flat deck for CalculiX: see `fem.decks.problem.deck_lines`."""
     patches = contact_patches(deck) if deck.meets else None
     supports = DeckSupports(deck)
     yield from heading_lines(deck)

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import textwrap
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Literal, get_args
 
 import numpy as np
 
-from fem.decks.calculix import check_calculix
+from fem.decks.abaqus import abaqus_lines
+from fem.decks.calculix import calculix_lines, check_calculix
 from fem.decks.deck import Deck, Flavour
 from fem.decks.faces import half_facet_angle
 from fem.decks.keywords import DeckError, safe_names
@@ -17,7 +19,6 @@ from fem.decks.laws import law_notes
 from fem.decks.loads import check_loads
 from fem.decks.placement import canonical
 from fem.decks.supports import DeckSupports, check_springs
-from fem.decks.write import write_deck_file
 from fem.element.hexahedron import ElementType
 from fem.method import Explicit, Static
 from fem.problem import Problem, require_problem
@@ -84,6 +85,46 @@ def write_deck(
     deck = problem_deck(problem, _FLAVOURS[program], method)
     write_whole(path, lambda partial: write_deck_file(partial, deck))
     return path
+
+
+def deck_lines(deck: Deck) -> Iterator[str]:
+    """Lines of a deck; the same deck gives the same lines.
+
+    Parameters
+    ----------
+    deck
+        The problem; its assembly must be canonical (`fem.decks.placement.canonical`).
+
+    Raises
+    ------
+    DeckError
+        What the program has no words for, by name; while the lines are made, not before.
+    """
+    return calculix_lines(deck) if deck.is_flat else abaqus_lines(deck)
+
+
+def write_deck_file(path: Path, deck: Deck) -> dict[str, int]:
+    """Write a deck; give a temporary path and rename it when whole.
+
+    Returns
+    -------
+    dict[str, int]
+        How often each keyword was written, in the order of first use.
+
+    Raises
+    ------
+    DeckError
+        As `deck_lines`; the file is then not whole.
+    """
+    keywords: dict[str, int] = {}
+    with path.open("w", encoding="ascii", newline="\n") as file:
+        for line in deck_lines(deck):
+            file.write(line)
+            file.write("\n")
+            if line.startswith("*") and not line.startswith("**"):
+                word = line.partition(",")[0]
+                keywords[word] = keywords.get(word, 0) + 1
+    return keywords
 
 
 def problem_deck(

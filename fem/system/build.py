@@ -22,7 +22,7 @@ from fem.element.hexahedron import ElementType
 from fem.element.kinds import block_lumped_mass, element_of
 from fem.element.lagrange_mesh import with_degree
 from fem.element.material import Material
-from fem.system.body import Body, ModelError, placed_body
+from fem.system.body import Body, ModelError, Springs, placed_body, springs_on
 from fem.system.forces import (
     ALL_THE_WAY,
     Amplitude,
@@ -35,7 +35,6 @@ from fem.system.forces import (
     wrench_forces,
 )
 from fem.system.held import HeldRows, held_at, joined_rows
-from fem.system.springs import Springs, springs_on
 from geometry.assembly import Assembly
 from geometry.errors import RefusedError
 from geometry.loads import FaceLoad, LoadCase, PressureLoad, TractionLoad

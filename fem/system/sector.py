@@ -6,7 +6,7 @@ representative per orbit carries the unknowns; of the contacts, one per orbit is
 Nothing is approximated: the sector gives the digits of the whole at 1/order of the cost.
 
 A half turn about a radius through the middle of a tube, where it is a symmetry as well, halves the
-layers (`with_half_turn`): it turns blocks over, each onto itself but for its place.
+layers (`largest_sector`): it turns blocks over, each onto itself but for its place.
 """
 
 from __future__ import annotations

@@ -23,11 +23,10 @@ from fem import (
 from fem.decks.deck import Deck, Flavour
 from fem.decks.keywords import NUMBER_LENGTH, DeckError, label, real
 from fem.decks.placement import canonical, canonical_axis_angle, rotation_matrix
-from fem.decks.problem import problem_deck
+from fem.decks.problem import deck_lines, problem_deck
 from fem.decks.read.cards import Card, read_cards
 from fem.decks.read.deck import deck_of_lines
 from fem.decks.read.model import damping_of_step
-from fem.decks.write import deck_lines
 from fem.problem import Frames, Motion
 from fem.system.build import block_load_forces
 from fem.system.effects import BulkViscosity, RayleighDamping

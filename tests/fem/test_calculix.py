@@ -13,10 +13,9 @@ from fem.decks.deck import Deck, Flavour
 from fem.decks.faces import contact_patches, half_facet_angle
 from fem.decks.keywords import DeckError
 from fem.decks.laws import TABLE_POINTS, law_table
-from fem.decks.problem import problem_deck
+from fem.decks.problem import deck_lines, problem_deck, write_deck_file
 from fem.decks.read.cards import read_cards
 from fem.decks.read.deck import deck_of_lines
-from fem.decks.write import deck_lines, write_deck_file
 from fem.problem import Motion
 from fem.static.solve import static_state
 from fem.system.effects import RayleighDamping

@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 from fem.decks.deck import Flavour
-from fem.decks.problem import problem_deck
-from fem.decks.write import deck_lines
+from fem.decks.problem import deck_lines, problem_deck
 from fem.dynamics import stated_run
 from fem.explicit.solve import Frame
 from tests.support.answers import on_its_mesh

@@ -15,9 +15,8 @@ from PIL import Image
 
 from fem import read_deck
 from fem.decks.deck import Flavour
-from fem.decks.problem import problem_deck
+from fem.decks.problem import deck_lines, problem_deck
 from fem.decks.read.cards import Card, read_cards
-from fem.decks.write import deck_lines
 from fem.system.effects import SAFETY_FACTOR
 from tests.support.coarse_tubes import coarse
 from tests.support.decks import exported

@@ -15,9 +15,8 @@ from fem.decks.deck import Deck, Flavour
 from fem.decks.faces import contact_patches, facing_faces
 from fem.decks.keywords import ENTRIES_PER_LINE, LINE_LENGTH, DeckError, entry_lines
 from fem.decks.laws import law_heading, law_lines, law_notes, law_table
-from fem.decks.problem import problem_deck
+from fem.decks.problem import deck_lines, problem_deck
 from fem.decks.read.deck import deck_of_lines
-from fem.decks.write import deck_lines
 from fem.method import Explicit
 from fem.system.time_step import characteristic_time_step
 from tests.support.coarse_tubes import coarse

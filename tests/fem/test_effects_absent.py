@@ -11,10 +11,9 @@ import pytest
 
 from fem import ElementType
 from fem.explicit import block_frame, damping, solve, start, step
-from fem.system.body import placed_body
+from fem.system.body import placed_body, springs_on
 from fem.system.effects import AdaptiveMassDamping, BulkViscosity, Effects, RayleighDamping
 from fem.system.forces import SmoothStepAmplitude
-from fem.system.springs import springs_on
 from geometry.mesh import boundary_quads
 from tests.support.explicit_runs import explicit_run
 from tests.support.fem_problems import CONCRETE, distorted_box

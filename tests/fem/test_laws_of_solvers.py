@@ -30,8 +30,14 @@ from fem import (
     solve_static,
 )
 from fem.answer.answer import answer_of
-from fem.answer.energies import energies_of, external_work, load_work, strain_energy
-from fem.answer.forces import imbalance_of, joints_of
+from fem.answer.forces import (
+    energies_of,
+    external_work,
+    imbalance_of,
+    joints_of,
+    load_work,
+    strain_energy,
+)
 from fem.answer.pressures import contact_measures
 from fem.contact.law import ContactLaw
 from fem.explicit.body import world_vectors

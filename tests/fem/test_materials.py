@@ -22,8 +22,7 @@ from fem import (
     solve_static,
 )
 from fem.decks.deck import Flavour
-from fem.decks.problem import problem_deck
-from fem.decks.write import write_deck_file
+from fem.decks.problem import problem_deck, write_deck_file
 from fem.static.solve import static_state
 from geometry.block import box_block
 from geometry.families.boxes import ColumnBox, box_column

@@ -15,8 +15,7 @@ from fem import LinearPenalty, Material, Problem, Static, concrete, solve_static
 from fem.answer.pressures import contact_measures
 from fem.contact.search import closest_points
 from fem.decks.deck import Flavour
-from fem.decks.problem import problem_deck
-from fem.decks.write import deck_lines
+from fem.decks.problem import deck_lines, problem_deck
 from fem.dynamics import stated_run
 from fem.static.solve import static_state
 from fem.system.contact_state import facing_points

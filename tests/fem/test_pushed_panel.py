@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 from fem.accuracy.statics import static_options
-from fem.answer.energies import external_work, load_work
-from fem.answer.forces import push_curves_of
+from fem.answer.forces import external_work, load_work, push_curves_of
 from fem.state import State
 from fem.static.solve import static_state
 from fem.system.reactions import PushCurve

@@ -13,7 +13,7 @@ from fem import (
     LinearPenalty,
     Material,
 )
-from fem.answer.energies import load_work
+from fem.answer.forces import load_work
 from fem.answer.pressures import contact_measures
 from fem.contact.normals import ContactNormals
 from fem.static.linear_step import condensed as flexibility

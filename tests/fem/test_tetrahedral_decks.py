@@ -9,8 +9,7 @@ import pytest
 
 from fem import Static, solve_static, write_deck
 from fem.decks.deck import Flavour
-from fem.decks.problem import problem_deck
-from fem.decks.write import deck_lines
+from fem.decks.problem import deck_lines, problem_deck
 from tests.support.ccx import calculix_available, run_calculix
 from validation import load_case
 

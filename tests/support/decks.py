@@ -7,9 +7,8 @@ from pathlib import Path
 
 from fem import Explicit, solve_explicit, solve_static
 from fem.decks.deck import Flavour
-from fem.decks.problem import problem_deck
+from fem.decks.problem import deck_lines, problem_deck
 from fem.decks.read.deck import InputDeck
-from fem.decks.write import deck_lines
 from geometry import Answer
 from tests.support.commands import command
 

@@ -19,8 +19,7 @@ import numpy as np
 from fem import ElementType, Explicit, ExponentialLaw, Problem, concrete
 from fem.decks.deck import Deck, Flavour
 from fem.decks.faces import half_facet_angle
-from fem.decks.problem import problem_deck
-from fem.decks.write import write_deck_file
+from fem.decks.problem import problem_deck, write_deck_file
 from fem.explicit.setup.timed_system import timed_system
 from fem.explicit.solve import run_explicit
 from fem.state import State

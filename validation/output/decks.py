@@ -15,8 +15,7 @@ from scipy.spatial import KDTree
 from fem.answer.measures import load_step_change
 from fem.answer.motion import largest_turn
 from fem.decks.deck import Deck, Flavour
-from fem.decks.problem import problem_deck
-from fem.decks.write import write_deck_file
+from fem.decks.problem import problem_deck, write_deck_file
 from fem.element.hexahedron import ElementType
 from fem.element.material import Material
 from fem.method import Explicit, Static

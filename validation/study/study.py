@@ -137,7 +137,7 @@ def fem_results(case: Case) -> tuple[dict[str, Any], list[str]]:
     from fem.accuracy.converge import TARGETS
     from fem.accuracy.errors import AT_AN_EDGE
     from fem.accuracy.parts import Accuracy
-    from fem.answer.energies import energy_balance
+    from fem.answer.forces import energy_balance
 
     answer = repeatable(solve(case, otherwise=dict.fromkeys(TARGETS, RANKING)))
     measures, result = answer.measures, dict[str, Any]()
