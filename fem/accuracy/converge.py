@@ -154,8 +154,7 @@ class Converged:
     @property
     def measures(self) -> Mapping[str, Measure]:
         """Numbers with errors and places."""
-        solved, bars = self.solved, (self.errors, self.remarks)
-        return measures_of(solved.state, bars[0], facets=solved.facets, remarks=bars[1])
+        return self.accuracy.measures
 
     @property
     def parts(self) -> dict[str, Part]:
@@ -268,9 +267,14 @@ def converge(
 
 
 def climbed(
-    problem: Problem, rungs: Iterable[Rung], options: StaticOptions = OPTIONS
+    problem: Problem,
+    rungs: Iterable[Rung],
+    options: StaticOptions = OPTIONS,
+    factor: float = 1.0,
 ) -> Iterator[Solved]:
     """Solve on meshes from coarse to fine, each from the state on the one before.
+
+    Under a factor times all loads [-].
 
     Raises
     ------
@@ -280,7 +284,8 @@ def climbed(
     check_refinable(problem)
     result = None
     for rung in rungs:
-        result = _solve(problem, on_rung(problem, rung), rung, options, before=result)
+        stated = on_rung(problem, rung)
+        result = _solve(problem, stated, rung, options, before=result, factor=factor)
         yield result
 
 
@@ -300,9 +305,7 @@ def bars_under(
     factor
         Of all loads [-].
     """
-    solved = [
-        _solve(problem, on_rung(problem, rung), rung, options, factor=factor) for rung in rungs
-    ]
+    solved = list(climbed(problem, rungs, options, factor))
     if len(solved) < _FOR_BARS:
         return {}
     bars = sequence_bars([one.numbers for one in solved], searched=problem.searches)

@@ -21,7 +21,6 @@ from fem.accuracy.converge import (
     converge,
     usual_degree,
     usual_work,
-    why_not_refined,
 )
 from fem.accuracy.one_mesh import static_errors
 from fem.accuracy.parts import NOT_ASKED
@@ -354,19 +353,17 @@ def refines(problem: Problem, method: Static) -> bool:
     if not (usual or asked):
         return False
     try:
-        why = why_not_refined(problem)
-    except RefusedError:
+        check_refinable(problem)
+    except RefusedError:  # of a mesh that is not refined, or the solver rejects it
         if asked:
             raise
-        return False  # the solver rejects it
-    if why is None and not method.error_estimate:
+        return False
+    if not method.error_estimate:
         raise AccuracyError(
             'error_estimate: applies to mesh = "scene" alone; a run that refines always has error '
             "bars: remove it, or add mesh"
         )
-    if asked:
-        check_refinable(problem)
-    return why is None
+    return True
 
 
 def static_options(problem: Problem, method: Static) -> StaticOptions:
