@@ -22,7 +22,7 @@ from fem.accuracy.errors import (
     unresolved,
     with_stick,
 )
-from fem.accuracy.facets import Facets, means_on
+from fem.accuracy.facets import means_on
 from fem.accuracy.ladder import OF_FACETS, Ladder, Rung, fineness, ladder_for, on_rung
 from fem.accuracy.one_mesh import stick_change
 from fem.accuracy.parts import Accuracy, Meshes, MeshFacets
@@ -119,8 +119,8 @@ class Solved:
     """On that mesh."""
     state: State
     """Displacements, stresses and contact there."""
-    facets: Facets
-    """Of the mesh that was stated."""
+    facets: MeshFacets | None
+    """Of the mesh that was stated; None where contact is searched."""
     numbers: OnMesh
     spent: Budget
     """Operations of this mesh alone."""
@@ -159,7 +159,7 @@ class Converged:
     @property
     def parts(self) -> dict[str, Part]:
         """What an answer has beside the measures."""
-        facets = {} if self.solved.facets is None else {"facets": MeshFacets(*self.solved.facets)}
+        facets = {} if self.solved.facets is None else {"facets": self.solved.facets}
         return {**facets, "accuracy": self.accuracy, "meshes": self.meshes}
 
 
@@ -415,7 +415,7 @@ def _state(
     options: StaticOptions,
     before: Solved | None,
     factor: float,
-) -> tuple[State, Facets]:
+) -> tuple[State, MeshFacets | None]:
     """State on a mesh, and the mean pressures on the facets of the mesh that was stated."""
     deformable, start = stated.deformable.under(factor), None
     known: Known = ()

@@ -238,10 +238,11 @@ def one_mesh_bars(
     steps
         What half as many load steps change.
     """
-    bars, beside = _of_meshes(values, meshes), sides
+    two = len(meshes) == 1 and meshes[0][1] > 1.0
+    bars, beside = _compared(values, meshes, OF_TWO if two else SAFETY), sides
     if degrees:
         beside = {name: bar for name, bar in bars.items() if name in _OF_MESHES}
-        bars = _compared(values, degrees)
+        bars = _compared(values, degrees, SAFETY)
     bars = {
         name: (sum if name in AT_EDGES else max)((bar, beside.get(name, 0.0)))
         for name, bar in bars.items()
@@ -256,24 +257,6 @@ def one_mesh_bars(
     return _with_steps(bars, steps)
 
 
-def _of_meshes(values: Values, meshes: Sequence[tuple[Values, float]]) -> dict[str, float]:
-    """Bars by what changes between meshes.
-
-    Three of them show by which rate stresses and pressures converge; one that is coarser shows
-    none.
-    """
-    safety = OF_TWO if len(meshes) == 1 and meshes[0][1] > 1.0 else SAFETY
-    ordered = sorted([(values, 1.0), *meshes], key=lambda one: -one[1])
-    fine = np.array([1.0 / length for _, length in ordered])
-
-    def rate(name: str) -> float:
-        if len(ordered) < LEAST_MESHES or name in _BY_LENGTHS:
-            return 1.0
-        return _shown_rate([of[name] for of, _ in ordered], fine, 1.0)
-
-    return _compared(values, meshes, safety, rate)
-
-
 def _widest(bars: Values, values: Values, names: Iterable[str]) -> float:
     """Widest relative bar of some stresses, negligible ones left out."""
     sizes = {name: abs(values[name]) for name in names if name in bars}
@@ -282,23 +265,22 @@ def _widest(bars: Values, values: Values, names: Iterable[str]) -> float:
 
 
 def _compared(
-    values: Values,
-    others: Sequence[tuple[Values, float]],
-    safety: float = SAFETY,
-    rate: Callable[[str], float] = lambda _: 1.0,
+    values: Values, others: Sequence[tuple[Values, float]], safety: float
 ) -> dict[str, float]:
     """Bars of the measures that all others have: facets may match on one mesh alone.
 
-    Errors fall by a power, the ``rate`` of a measure, of what stands beside the values.
+    Two others and the mesh itself show by which rate stresses and pressures converge.
     """
-    names = [name for name in values if others and all(name in of for of, _ in others)]
-    rates = {name: rate(name) for name in names}
-    return {
-        name: error_bar(
-            values[name], [(of[name], ratio ** rates[name]) for of, ratio in others], safety=safety
-        )
-        for name in names
-    }
+    ordered = sorted([(values, 1.0), *others], key=lambda one: -one[1])
+    fine = np.array([1.0 / length for _, length in ordered])
+    bars = {}
+    for name in [name for name in values if others and all(name in of for of, _ in others)]:
+        rate = 1.0
+        if len(ordered) == LEAST_MESHES and name not in _BY_LENGTHS:
+            rate = _shown_rate([of[name] for of, _ in ordered], fine, rate)
+        compared = [(of[name], length**rate) for of, length in others]
+        bars[name] = error_bar(values[name], compared, safety=safety)
+    return bars
 
 
 def _at_least(bars: dict[str, float], values: Values, shares: Values) -> dict[str, float]:

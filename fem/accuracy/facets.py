@@ -9,10 +9,10 @@ of these elements. Means over elements' own facets are therefore exactly those o
 from __future__ import annotations
 
 import math
-from typing import TypeAlias
 
 import numpy as np
 
+from fem.accuracy.parts import MeshFacets
 from fem.accuracy.transfer import interpolation_on_faces, unique_rows
 from fem.contact.normals import ContactNormals
 from fem.contact.surfaces import MatchedFacets, facet_pressures, matched_facets
@@ -35,19 +35,14 @@ from geometry.meshing.refinement import charts_as, charts_of
 #: Points on facets that are evaluated at a time: what a cache holds.
 _AT_ONCE = 1 << 16
 
-#: Mesh of the facets of means, and the mean pressure on each of its interfaces, (n,) [MPa]; None:
-#: those that were solved.
-Facets: TypeAlias = tuple[Assembly, FloatArray] | None
 
-
-def means_on(blocks: Assembly, state: State) -> Facets:
+def means_on(blocks: Assembly, state: State) -> MeshFacets | None:
     """Means of a state over the facets of another mesh of the same blocks, where facets match."""
-    if not state.deformable.meets or state.deformable.contact.finite_sliding:
+    solved, order = state.deformable, state.system.orbits.order
+    if not solved.meets or solved.contact.finite_sliding:
         return None
-    order = state.system.orbits.order
-    return blocks, pressures_on_facets(
-        blocks, state.deformable, state.displacements, symmetry=order
-    )
+    means = pressures_on_facets(blocks, solved, state.displacements, symmetry=order)
+    return MeshFacets(blocks, means)
 
 
 def pressures_on_facets(

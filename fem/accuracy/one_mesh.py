@@ -14,8 +14,9 @@ from dataclasses import replace
 from typing import NamedTuple
 
 from fem.accuracy.errors import one_mesh_bars, with_stick
-from fem.accuracy.facets import Facets, means_on
+from fem.accuracy.facets import means_on
 from fem.accuracy.ladder import coarser, split
+from fem.accuracy.parts import MeshFacets
 from fem.answer.measures import bracketed, facet_step, load_step_change, measures_of
 from fem.problem import Problem
 from fem.state import State
@@ -123,7 +124,7 @@ def stick_change(
     return {name: abs(value - before[name]) for name, value in after.items()}
 
 
-def values_of(state: State, facets: Facets = None) -> dict[str, float]:
+def values_of(state: State, facets: MeshFacets | None = None) -> dict[str, float]:
     """Values of all measures of a state, each in its unit; means over other facets, if given."""
     return {name: measure.value for name, measure in measures_of(state, facets=facets).items()}
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from math import isfinite
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -17,9 +17,6 @@ from geometry.answer import Measure
 from geometry.assembly import Assembly
 from geometry.mesh import FloatArray
 from geometry.parts.rows import Row, grouped
-
-#: Why a state has no error bars.
-NOT_ASKED = Row("error bars", "none: fem.error_estimate = false", group="evidence")
 
 
 @dataclass(frozen=True)
@@ -100,19 +97,13 @@ class Meshes:
         return [mesh.as_json() for mesh in self.meshes]
 
 
-@dataclass(frozen=True)
-class MeshFacets:
+class MeshFacets(NamedTuple):
     """Facets of the mesh that was stated, on which a state of a finer one is averaged."""
 
     assembly: Assembly
     """The mesh."""
     pressures: FloatArray
     """Mean pressure on each of its `interfaces`, (n,) [MPa]."""
-
-    @property
-    def of(self) -> tuple[Assembly, FloatArray]:
-        """Both."""
-        return self.assembly, self.pressures
 
     @property
     def size(self) -> float:

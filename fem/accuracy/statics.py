@@ -23,7 +23,7 @@ from fem.accuracy.converge import (
     usual_work,
 )
 from fem.accuracy.one_mesh import static_errors
-from fem.accuracy.parts import NOT_ASKED
+from fem.accuracy.parts import MeshFacets
 from fem.answer.answer import answer_of
 from fem.answer.measures import measures_of
 from fem.element.hexahedron import ElementType
@@ -36,12 +36,10 @@ from fem.static.path import LOAD_TOLERANCE
 from fem.static.solve import StaticOptions, static_state
 from fem.system.sector import check_system
 from geometry.answer import Answer, Measure
-from geometry.assembly import Assembly
 from geometry.compilation.clocks import Stopwatch, timed_stages
 from geometry.errors import RefusedError
 from geometry.machine.system import one_thread_of_blas
 from geometry.machine.work import Budget, LimitError, budget, clock, unlimited
-from geometry.mesh import FloatArray
 from geometry.parts.rows import Notes, Part, Row
 
 if TYPE_CHECKING:
@@ -55,6 +53,7 @@ _CLOSING_STEPS = 4
 #: What bars include where facets of coarser meshes do not match.
 _TWO_SEARCHES = "contact is searched on coarser meshes, which do not match: bars include the change"
 #: Why a state has none.
+_NOT_ASKED = "none: fem.error_estimate = false"
 _NO_OTHER = "none: no other mesh of these blocks has a state, or its work is beyond the limit"
 _DEFAULT = Static()
 
@@ -192,7 +191,7 @@ class _Bars:
     """The same under a factor times the loads."""
     parts: dict[str, Part]
     """Of the answer."""
-    facets: tuple[Assembly, FloatArray] | None = None
+    facets: MeshFacets | None = None
     remarks: Mapping[str, str] = field(default_factory=dict)
     beside: Mapping[str, Any] = field(default_factory=dict)
 
@@ -210,10 +209,9 @@ def _answer(
     """Answer on finer and finer meshes, or on that of the problem with others for its errors."""
     options, watch, tell = static_options(problem, method), follower.watch, follower.tell
     ends, result = clock(method.max_seconds), None
-    strong = problem.after is None and _has_strengths(problem)
-    share = None
-    if finer and work is not None:
-        share = work * (1.0 - _AFTER * strong)
+    strengths = any(m.tensile_strength or m.compressive_strength for m in problem.materials)
+    strong = problem.after is None and strengths
+    share = work * (1.0 - _AFTER * strong) if finer and work is not None else None
     with budget(share) as spent:
         if finer:
             result = converge(
@@ -293,28 +291,21 @@ def _of_coarser(
 
     ``spent`` is what the state took.
     """
-    parts, errors = dict[str, Part](), dict[str, float]()
+    errors, said = dict[str, float](), "" if method.error_estimate else _NOT_ASKED
     if method.error_estimate and problem.after is None:
         follower.tell("coarser meshes, for the errors")
         solve = partial(_state, options=options)
         with suppress(LimitError):  # the table says which
             errors, searched = static_errors(problem, state, solve, spent)
             said = _TWO_SEARCHES if searched else "" if errors else _NO_OTHER
-            if said:
-                parts["notes"] = Notes([Row("error bars", said, group="evidence")])
         follower.watch.lap("error bars")
-    elif not method.error_estimate:
-        parts["notes"] = Notes([NOT_ASKED])
+    notes = Notes([Row("error bars", said, group="evidence")])
 
     def under(factor: float, there: State) -> dict[str, float]:
         solve = partial(_state, options=options, factor=factor)
         return static_errors(problem, there, solve, spent).errors
 
-    return _Bars(errors, under, parts)
-
-
-def _has_strengths(problem: Problem) -> bool:
-    return any(m.tensile_strength or m.compressive_strength for m in problem.materials)
+    return _Bars(errors, under, {"notes": notes} if said else {})
 
 
 def _state(
