@@ -497,11 +497,16 @@ def equilibrium(
     *,
     solver: Solver = Solver.NEWTON,
     weights: FloatArray | None = None,
-    start: FloatArray | None = None,
 ) -> Equilibrium:
-    """Contact forces of minimum norm without friction, by the named solver."""
+    """Contact forces of minimum norm without friction, or the mechanism that the load drives.
+
+    On degenerate contacts Newton's method may end without either. The interior point method then
+    decides, which is slower and seldom fails.
+    """
     if solver is Solver.NEWTON:
-        return newton_equilibrium(jacobian, load, weights=weights, start=start)
+        found = newton_equilibrium(jacobian, load, weights=weights)
+        if found.decided:
+            return found
     from mbd.contacts.friction import smooth_contacts
 
     found = frictional_equilibrium(smooth_contacts(jacobian), load, weights=weights)

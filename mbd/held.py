@@ -109,9 +109,9 @@ def _bearing(problem: HexahedralStatement, blocks: AnyBlocks) -> RigidSystem:
 
 def _motion(system: RigidSystem) -> str | None:
     """Motion that the load drives, in words; None where nothing certainly moves."""
-    if system.smooth.holds:
+    if system.frictionless.holds:
         return None
-    answer = system.smooth if system.coulomb is None else system.with_friction
+    answer = system.frictionless if system.coulomb is None else system.with_friction
     return None if answer.mechanism is None else _words(system, answer.mechanism)
 
 

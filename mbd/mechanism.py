@@ -29,9 +29,7 @@ from mbd.equilibrium import (
     Equilibrium,
     equilibrium,
     load_size,
-    newton_equilibrium,
 )
-from mbd.options import Solver
 
 #: Singular values of G below this fraction of the largest count as zero.
 RANK_TOLERANCE = 1e-10
@@ -227,9 +225,7 @@ def classify(
     opposed = single_motion(jacobian, -load) if many else None
     if opposed is not None:
         return _unlocked(jacobian, load, opposed, known, opposed=True)
-    stress = jacobian.once(
-        "self-stress", lambda: decided_equilibrium(jacobian, jacobian.resultant(ones))
-    )
+    stress = jacobian.once("self-stress", lambda: equilibrium(jacobian, jacobian.resultant(ones)))
     if not stress.decided:
         return Classification(MechanismClass.UNDECIDED, None)
     ratio, vector = jacobian.once(
@@ -270,16 +266,6 @@ def single_motion(jacobian: ContactJacobian, load: FloatArray) -> FloatArray | N
     return None
 
 
-def decided_equilibrium(jacobian: ContactJacobian, load: FloatArray) -> Equilibrium:
-    """Equilibrium under a load or the mechanism it drives, by Newton's method where that decides.
-
-    On degenerate contacts it may end without either; the interior point method is slower and
-    seldom does.
-    """
-    found = newton_equilibrium(jacobian, load)
-    return found if found.decided else equilibrium(jacobian, load, solver=Solver.CLARABEL)
-
-
 def _unlocked(
     jacobian: ContactJacobian,
     load: FloatArray,
@@ -289,14 +275,14 @@ def _unlocked(
     opposed: bool = False,
 ) -> Classification:
     """Class of an assembly with a mechanism, (n_rows,), which the load may be known to oppose."""
-    driven = known if known is not None and known.decided else decided_equilibrium(jacobian, load)
+    driven = known if known is not None and known.decided else equilibrium(jacobian, load)
     kind = MechanismClass.UNDECIDED
     if driven.mechanism is not None:
         kind, motion = MechanismClass.ACTIVATED, driven.mechanism
     elif driven.holds and opposed:
         kind = MechanismClass.SUPPRESSED
     elif driven.holds:
-        against = decided_equilibrium(jacobian, -load)
+        against = equilibrium(jacobian, -load)
         if against.mechanism is not None:
             kind, motion = MechanismClass.SUPPRESSED, against.mechanism
         elif against.holds:

@@ -19,7 +19,7 @@ from geometry.parts.pairs import OfPairs, pair_values
 from geometry.parts.placed import AnyBlocks
 from mbd.contacts.jacobian import RigidContacts, contact_jacobian
 from mbd.equilibrium import Equilibrium, column_weights, equilibrium
-from mbd.options import Rigid, Solver
+from mbd.options import Rigid
 
 if TYPE_CHECKING:
     from mbd.contacts.friction import FrictionalContacts
@@ -142,17 +142,9 @@ class RigidSystem:
         return column_weights(self.method.norm, self.contacts.areas)
 
     @cached_property
-    def smooth(self) -> Equilibrium:
-        """Without friction, as its solver finds it."""
-        solver, weights = self.method.solver, self.weights
-        return equilibrium(self.contacts.jacobian, self.force, solver=solver, weights=weights)
-
-    @cached_property
     def frictionless(self) -> Equilibrium:
-        """Without friction; by a cone program where Newton's method proves nothing."""
-        if self.smooth.decided or self.method.solver is Solver.CLARABEL:
-            return self.smooth
-        solver, weights = Solver.CLARABEL, self.weights
+        """Without friction."""
+        solver, weights = self.method.solver, self.weights
         return equilibrium(self.contacts.jacobian, self.force, solver=solver, weights=weights)
 
     @cached_property
