@@ -330,13 +330,13 @@ def test_a_support_of_several_blocks_has_the_thrust_of_its_parts(
     plate = trimesh.creation.box((300.0, 300.0, 50.0))
     plate.apply_translation((0.0, 0.0, 125.0))
     plate.export(tmp_path / "plate.stl")
-    pulls = [{"block": k, "force": [*(5.0 * way), 0.0]} for k, way in enumerate(ways)]
+    pulls = [{"blocks": [k], "force": [*(5.0 * way), 0.0]} for k, way in enumerate(ways)]
     base = {"name": "ring", "blocks": [0, 1, 2, 3], "plane": {"z": 0.0}, "hold": ["x", "y", "z"]}
     scene = {
         "block": {"type": "mesh"},
         "parts": [{"file": str(tmp_path / f"{name}.stl")} for name in (*names, "plate")],
         "supports": [base],
-        "load": {"forces": pulls},
+        "loads": pulls,
         "effects": {"gravity": [0.0, 0.0, -9810.0]},
         "material": {"name": "concrete"},
     }

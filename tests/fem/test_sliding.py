@@ -233,8 +233,9 @@ file = "fine.vtu"
 places = [{at = [50, 0, 50]}, {at = [50, 10, 100]}]
 [effects]
 gravity = [0, 0, -9810]
-[load]
-forces = [{block = 3, force = [0, 0, -4000]}]
+[[loads]]
+blocks = [3]
+force = [0, 0, -4000]
 """
         + SECTIONS,
         "utf-8",
