@@ -173,7 +173,7 @@ def force_ranges(
             return _stopped(answer(least, largest))
         if result is None:
             return None
-        least[k] = max(size * result, 0.0)
+        least[k] = max(size * result, 0.0) + 0.0  # no -0
     for k in np.flatnonzero(~pressed).tolist():
         result = extreme(k, -1.0) if size > 0.0 else 0.0
         if work.spent:
