@@ -102,7 +102,9 @@ DISTANT = ("tsb1-tunnel", "max_displacement")
     ("names", "far", "least"),
     [
         (("tsb1-pipe", "tsb1-tunnel"), False, 16),
-        pytest.param(("tsb2-pipe",), False, 8, marks=pytest.mark.thorough),
+        pytest.param(
+            ("tsb1-pipe", "tsb2-pipe", "tsb1-tunnel"), False, 25, marks=pytest.mark.thorough
+        ),
         pytest.param(("tsb1-pipe",), True, 20, marks=pytest.mark.thorough),
     ],
 )
