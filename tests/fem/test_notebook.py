@@ -19,7 +19,7 @@ import validation
 from fem import Explicit, Material, Problem, Static, concrete, solve_explicit, solve_static
 from fem.answer.answer import answer_of
 from fem.problem import ProblemError
-from fem.system.system import System
+from fem.system.system import Sector, System
 from geometry import (
     Answer,
     Assembly,
@@ -72,7 +72,7 @@ def _writable(value: object, name: str, seen: set[int]) -> Iterator[str]:
 
     All but those of the model that a solver makes of the blocks.
     """
-    if id(value) in seen or isinstance(value, System):
+    if id(value) in seen or isinstance(value, Sector | System):
         return
     seen.add(id(value))
     if isinstance(value, np.ndarray):
