@@ -31,7 +31,7 @@ from fem.element.material import one_strength
 from fem.method import Static, require_method
 from fem.problem import Problem, require_problem
 from fem.state import State
-from fem.static.linear_step.flexibility import FlexibilityStore
+from fem.static.linear_step.condensation import FlexibilityStore
 from fem.static.path import LOAD_TOLERANCE
 from fem.static.solve import StaticOptions, static_state
 from fem.system.sector import check_system

@@ -16,7 +16,7 @@ from dataclasses import replace
 from fem.answer.measures import hidden_between_nodes, measures_of
 from fem.element.material import one_strength
 from fem.state import State
-from fem.static.linear_step.flexibility import FlexibilityStore
+from fem.static.linear_step.condensation import FlexibilityStore
 from fem.static.solve import StaticOptions, static_state
 from geometry.answer import Measure
 from geometry.errors import RefusedError

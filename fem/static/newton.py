@@ -29,10 +29,10 @@ import numpy as np
 
 from fem.contact.friction import Coulomb
 from fem.contact.surfaces import Gaps
+from fem.static.linear_step.condensation import UnheldBlocksError
 from fem.static.linear_step.linearisation import (
     Linearisation,
     StaticError,
-    UnheldBlocksError,
     coarsened,
 )
 from fem.static.problem import StaticProblem

@@ -11,8 +11,8 @@ import numpy as np
 
 from fem.contact.friction import Coulomb
 from fem.contact.search import SearchedPoints
+from fem.static.linear_step.condensation import FlexibilityStore
 from fem.static.linear_step.condensed import CondensedStep
-from fem.static.linear_step.flexibility import FlexibilityStore
 from fem.static.linear_step.grid_block import GridBlock
 from fem.static.linear_step.linearisation import (
     LinearStep,

@@ -18,7 +18,7 @@ from dataclasses import replace
 import numpy as np
 
 from fem.state import State
-from fem.static.linear_step.flexibility import FlexibilityStore
+from fem.static.linear_step.condensation import FlexibilityStore
 from fem.static.linear_step.linearisation import StaticError
 from fem.static.newton import Iterate, Point, require_near, start_iterate
 from fem.static.path import ElasticSlips, Known, PointSearch, follow, points_of

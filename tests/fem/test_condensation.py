@@ -16,8 +16,7 @@ from fem.static.linear_step.block_tridiagonal import (
     UnresistedMotionError,
     factor_chain,
 )
-from fem.static.linear_step.condensation import condense
-from fem.static.linear_step.flexibility import block_motions
+from fem.static.linear_step.condensation import block_motions, condense
 from fem.static.linear_step.linearisation import SparseSolver, SparseSolverError, factorize, fill_in
 from fem.system.body import placed_body
 from geometry import Assembly

@@ -17,7 +17,7 @@ from fem.answer.forces import load_work
 from fem.answer.pressures import contact_measures
 from fem.contact.normals import ContactNormals
 from fem.static.linear_step import condensed as flexibility
-from fem.static.linear_step.flexibility import FlexibilityStore
+from fem.static.linear_step.condensation import FlexibilityStore
 from fem.static.linear_step.linearisation import StaticError
 from fem.static.solve import StaticMethod, StaticOptions, static_state
 from fem.system.sector import SymmetryError

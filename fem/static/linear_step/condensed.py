@@ -41,14 +41,15 @@ from fem.static.linear_step.block_tridiagonal import (
     add_block,
     factor_chain,
 )
-from fem.static.linear_step.condensation import condense
-from fem.static.linear_step.flexibility import (
+from fem.static.linear_step.condensation import (
     Flexibility,
     FlexibilityStore,
+    UnheldBlocksError,
+    condense,
     content_of,
     flexibility_of,
 )
-from fem.static.linear_step.linearisation import Linearisation, RetainedNodes, UnheldBlocksError
+from fem.static.linear_step.linearisation import Linearisation, RetainedNodes
 from fem.static.linear_step.pairs import NodePairs
 from fem.static.linear_step.row_laws import Bound, PairLaw, PointLaw, point_law
 from fem.system.system import NodalInverse, Sector, at_share

@@ -7,7 +7,7 @@ the overclosure of a point is the sum of the outward displacements of its two si
     x = Σ ν · u - gap = -A q + H + M α - gap,      Mᵀ q = Rᵀ f,
 
 with A, H and M summed over the blocks in contact. Normals turn with the motions of the blocks
-(`fem.static.turning`). Elastic deformations turn them by a share of 1e-3 or less of that, as they
+(`TurningNormals`). Elastic deformations turn them by a share of 1e-3 or less of that, as they
 did at the displacement before.
 
 Points whose contact is soft against the block may keep the force of the linearisation; the others
@@ -16,13 +16,14 @@ are the unknowns, level by level a chain of dense blocks.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
 from scipy.spatial import cKDTree
 
-from fem.contact.surfaces import MatchedFacets
+from fem.contact.surfaces import MatchedFacets, motion_derivatives
 from fem.static.linear_step.block_tridiagonal import (
     Chain,
     ChainFactor,
@@ -33,14 +34,13 @@ from fem.static.linear_step.block_tridiagonal import (
     add_block,
     factor_chain,
 )
+from fem.static.linear_step.condensation import UnheldBlocksError
 from fem.static.linear_step.grid_block import GridBlock, PointFlexibility, grid_block
 from fem.static.linear_step.linearisation import (
     Linearisation,
     LinearStep,
     StaticError,
-    UnheldBlocksError,
 )
-from fem.static.turning import Turned, TurningNormals
 from fem.system.system import Sector, System
 from geometry.mesh import BoolArray, FloatArray, IntArray
 
@@ -90,6 +90,69 @@ def _touching_quads(deformable: System, number: int) -> IntArray:
         )
     ]
     return np.unique(np.concatenate(mine), axis=0)
+
+
+@dataclass(frozen=True)
+class Turned:
+    """What normals change at one displacement; joints are the block pairs of the surfaces."""
+
+    by_motions: FloatArray
+    """D by the motions of both blocks, (2, n, 6)."""
+    stiffness: FloatArray
+    """T by the motions of both blocks of each joint, (n_joints, 2, 6, 2, 6)."""
+
+    @property
+    def without_stiffness(self) -> Turned:
+        """The same as if forces did not turn with the blocks."""
+        return replace(self, stiffness=np.zeros_like(self.stiffness))
+
+
+class TurningNormals:
+    """What current normals change against reference ones where blocks turn, in six motions each.
+
+    About a displacement with motions α₀ of the blocks, and with forces q of the points, the
+    overclosure and the balance of the motions are those of reference normals and
+
+        D (α - α₀),      Dᵀ q + T (α - α₀)      with  D = ∂x/∂α - ∂x_ref/∂α,  T = Σ q ∂²x/∂α².
+
+    T is what holds blocks that slide in their gaps: no other stiffness resists such motions.
+    """
+
+    def __init__(self, system: Sector, motions: FloatArray) -> None:
+        """Take displacements of all nodes by unit motions of their blocks, (6, n_nodes, 3)."""
+        self._surfaces = system.points
+        each = np.stack([self._surfaces.moved(moved) for moved in motions], axis=3)
+        # By the six motions of the first block, then by those of the second.
+        half = each.shape[1] // 2
+        self._corners = np.zeros((*each.shape[:3], 12))
+        self._corners[:, :half, :, :6] = each[:, :half]
+        self._corners[:, half:, :, 6:] = each[:, half:]
+
+    @cached_property
+    def _straight(self) -> FloatArray:
+        """∂x_ref/∂α, (n_facets, n_points, 12)."""
+        straight = self._surfaces.with_reference_normals
+        gradient = straight.kinematics(np.zeros(self._corners.shape[:3])).gradient
+        return np.einsum("fpai,faim->fpm", gradient, self._corners, optimize=True)
+
+    @property
+    def none(self) -> Turned:
+        """Of reference normals."""
+        n_joints = len(self._surfaces.pair_start) - 1
+        by_motions = np.zeros((2, self._surfaces.weights.size, 6))
+        return Turned(by_motions, np.zeros((n_joints, 2, 6, 2, 6)))
+
+    def turned(self, displacement: FloatArray, forces: FloatArray) -> Turned:
+        """What normals change at a displacement in block frames, (n_nodes, 3) [mm].
+
+        From the forces of the points, (n_facets, n_points) [N].
+        """
+        corners = self._surfaces.moved(displacement)
+        first, second = motion_derivatives(self._surfaces, corners, self._corners)
+        by_motions = (first - self._straight).reshape(-1, 2, 6)
+        of_facets = np.einsum("fp,fpkl->fkl", forces, second)
+        stiffness = np.add.reduceat(of_facets, self._surfaces.pair_start[:-1])
+        return Turned(by_motions.transpose(1, 0, 2), stiffness.reshape(-1, 2, 6, 2, 6))
 
 
 @dataclass(frozen=True)

@@ -19,7 +19,7 @@ import numpy as np
 from scipy.sparse import block_diag, bsr_array, csc_array, csr_array, csr_matrix, diags_array, triu
 from scipy.sparse.linalg import SuperLU, splu
 
-from fem.static.linear_step.condensation import CondensedBlock
+from fem.static.linear_step.condensation import CondensedBlock, UnheldBlocksError
 from fem.system.system import NodalInverse, Sector, at_share
 from geometry.errors import RefusedError
 from geometry.machine.work import Operation, count, hold_memory, memory_limit, require_memory
@@ -177,15 +177,6 @@ def _pardiso(matrix: csr_array) -> Solve:
 
 class StaticError(RefusedError):
     """A static problem that has no solution, or none that was found: what to do."""
-
-
-class UnheldBlocksError(ValueError):
-    """Blocks that nothing holds in the linear problem of one iteration."""
-
-    def __init__(self, reason: str, blocks: tuple[int, ...]) -> None:
-        super().__init__(reason)
-        self.blocks = blocks
-        """Their numbers, as far as they are known."""
 
 
 @dataclass(frozen=True)

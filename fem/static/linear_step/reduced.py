@@ -9,8 +9,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.sparse import coo_array, csr_array
 
-from fem.static.linear_step.condensation import CondensedBlock
-from fem.static.linear_step.flexibility import FlexibilityStore
+from fem.static.linear_step.condensation import CondensedBlock, FlexibilityStore
 from fem.static.linear_step.linearisation import RetainedNodes, SparseSolver, SparseStep
 from fem.system.body import Body
 from fem.system.system import Sector

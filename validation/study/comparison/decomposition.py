@@ -21,7 +21,7 @@ from fem.contact.friction import CoulombFriction
 from fem.contact.law import LinearPenalty
 from fem.method import Static
 from fem.problem import Problem
-from fem.static.linear_step.flexibility import FlexibilityStore
+from fem.static.linear_step.condensation import FlexibilityStore
 from fem.static.solve import static_state
 from geometry.answer import Answer
 from geometry.errors import RefusedError
