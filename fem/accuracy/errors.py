@@ -252,7 +252,8 @@ def one_mesh_bars(
         edges = max(_SHARED_OF_DEGREES * widest, _widest(bars, values, AT_EDGES))
         shares = dict.fromkeys(LOCAL, _SHARED_OF_DEGREES * widest)
         shares |= dict.fromkeys(AT_EDGES, edges)
-        shares |= dict.fromkeys(OF_FACETS, _SHARED_OF_FACETS * widest)
+        changes = {n: abs(values[n] - of[n]) for of, _ in degrees for n in values.keys() & of}
+        shares |= dict.fromkeys(OF_FACETS, _SHARED_OF_FACETS * _widest(changes, values, LOCAL))
         bars = _at_least(bars, values, shares)
     return _with_steps(bars, steps)
 
