@@ -40,7 +40,7 @@ class Material:
     """
 
     density: Positive
-    """[t/mm³]; steel 7.85e-9, concrete 2.4e-9."""
+    """Steel 7.85e-9, concrete 2.4e-9 [t/mm³]."""
     young_modulus: Positive
     """[MPa]"""
     poisson_ratio: Annotated[float, Gt(-1), Lt(0.5)]

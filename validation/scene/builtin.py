@@ -30,7 +30,7 @@ def stands_for_builtin(path: Path, kind: str = "scene") -> bool:
     if path.suffix == ".toml":
         return False
     why = unreadable(path)
-    return why == "no such file" or (path.is_dir() and str(path) in builtin_names(kind))
+    return why == "no such file" or (str(path) in builtin_names(kind) and path.is_dir())
 
 
 def builtin_text(name: str, kind: str = "scene") -> str:
