@@ -211,10 +211,12 @@ def check_size(assembly: AnyBlocks) -> None:
     """Reject sizes that say that the lengths are not in millimetres."""
     length = assembly.characteristic_length
     if not SMALLEST_BLOCK <= length <= LARGEST_BLOCK:
+        hint = 'if yours are in metres, multiply by 1000 (own meshes: units = "m")'
+        if length > LARGEST_BLOCK:
+            hint = 'if a file in millimetres states metres, write units = "mm" or scale it by 0.001'
         raise AssemblyError(
             f"{assembly.name}: a block measures {length:.3g} mm (∛ volume); expected lengths in "
-            f"millimetres, blocks from {SMALLEST_BLOCK:g} to {LARGEST_BLOCK:g} mm: if yours are in "
-            'metres, multiply by 1000 (own meshes: units = "m")'
+            f"millimetres, blocks from {SMALLEST_BLOCK:g} to {LARGEST_BLOCK:g} mm: {hint}"
         )
 
 
