@@ -5,7 +5,9 @@ Level k has unknowns q (forces) and α (motions):
     A q - C α + (couplings) = d,    -Cᵀ q - τ α + (couplings) = e
 
 Only the last forces of a level, those shared with the next one, couple with it. A is positive
-definite, so each level is a Cholesky factorisation, and a small one for its motions.
+definite, so each level is a Cholesky factorisation, and a small one for its motions. Forces
+between blocks of the first level and rigid ones, which couple with those of the same block alone,
+are eliminated before the others.
 
 Where points slide, the friction that follows a contact force turns its direction: A, and the
 couplings, are not symmetric then (`Leaning`), and each level is an LU factorisation.
@@ -15,6 +17,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -65,6 +68,8 @@ class Level:
     """τ between its motions and those of the next level, (n_motions, n_motions_next)."""
     leaning: Leaning | None = None
     """What the forces do where that is not what they feel; None: the system is symmetric."""
+    apart: Sequence[int] = ()
+    """Ends of runs of the first forces between which A is zero."""
 
     @property
     def pushed(self) -> Leaning:
@@ -256,7 +261,7 @@ def factor_chain(levels: Sequence[Level]) -> ChainFactor:
         around = level.next_flexibility.shape[1] + level.motions.shape[1]
         n, shared = len(level.flexibility), len(level.next_flexibility)
         if level.leaning is None:
-            count_elimination(n, around)
+            count_elimination(n, around)  # forces that are apart included: a bound
         else:
             count_elimination(n - shared, shared, symmetric=False)
             count_elimination(shared, around, symmetric=False)
@@ -274,6 +279,8 @@ class Rows(NamedTuple):
     """First row of each level, and the total; (n_levels + 1,)."""
     first_shared: IntArray
     """First row of each level that is shared with the next, (n_levels,)."""
+    apart: tuple[int, ...]
+    """Ends of the rows between each block of the first level and rigid ones."""
 
     @property
     def within(self) -> IntArray:
@@ -307,13 +314,18 @@ class Chain:
         #: Lower level of each facet, and whether its other block is in the next one, (n_facets,).
         self.low, high = np.sort(np.append(self.level_of, far)[self.slots], axis=0)
         self.shared: BoolArray = (high != far) & (high > self.low)
+        beside_rigid = (self.low == 0) & (high == far)
+        #: Block of the first level that such a facet has beside a rigid one, else a number beyond.
+        self._block: IntArray = np.where(beside_rigid, self.slots.max(axis=0), system.n_slots)
 
     def rows(self, facet: IntArray) -> Rows:
         """Order points, ascending, of some facets (n,): those shared with the next level last."""
         low, shared, n = self.low[facet], self.shared[facet], len(self.members)
-        order = np.lexsort((shared, low))
+        order = np.lexsort((self._block[facet], shared, low))
         start = np.searchsorted(low[order], np.arange(n + 1))
-        return Rows(order, start, start[1:] - np.bincount(low[shared], minlength=n)[:n])
+        first_shared = start[1:] - np.bincount(low[shared], minlength=n)[:n]
+        ends = np.cumsum(np.bincount(self._block[facet], minlength=len(self.level_of) + 1)[:-1])
+        return Rows(order, start, first_shared, tuple(np.unique(ends[ends > 0]).tolist()))
 
     def spans(self, widths: Sequence[int]) -> list[slice]:
         """Columns of slots with so many motions among those of their level."""
@@ -338,8 +350,11 @@ class Chain:
                 next_flexibility=np.zeros((n - shared, n_next)),
                 next_motions=np.zeros((n - shared, m_next)),
                 next_holding=np.zeros((m, m_next)),
+                apart=() if k else rows.apart,
             )
-            for n, m, shared, (n_next, m_next) in zip(size, width, first, ends, strict=True)
+            for k, (n, m, shared, (n_next, m_next)) in enumerate(
+                zip(size, width, first, ends, strict=True)
+            )
         ]
 
     def sides(
@@ -399,10 +414,9 @@ def add_block(
 
 
 def _add(matrix: FloatArray, rows: IntArray, columns: IntArray, more: FloatArray) -> None:
-    """Add a matrix at some rows and columns, ascending; where these follow each other at once."""
-    runs = [slice(int(at[0]), int(at[-1]) + 1) for at in (rows, columns) if len(at)]
-    if len(runs) == 2 and matrix[runs[0], runs[1]].shape == more.shape:
-        matrix[runs[0], runs[1]] += more
+    """Add a matrix at some rows and columns; where these follow each other at once."""
+    if len(rows) and len(columns) and all((np.diff(at) == 1).all() for at in (rows, columns)):
+        matrix[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1] += more
     else:
         matrix[np.ix_(rows, columns)] += more
 
@@ -445,9 +459,7 @@ def _lower_solve(factor: FloatArray, right: FloatArray, *, overwrite: bool = Fal
 
 
 def _eliminate(number: int, level: Level) -> _Eliminated:
-    factor = scipy.linalg.cholesky(
-        level.flexibility, lower=True, overwrite_a=True, check_finite=False
-    )
+    factor = _lower_factor(level)
     motions = _lower_solve(factor, level.motions)
     pivot = level.holding + motions.T @ motions
     _check_resistance(number, pivot)
@@ -456,6 +468,23 @@ def _eliminate(number: int, level: Level) -> _Eliminated:
         motions=motions,
         pivot=scipy.linalg.cholesky(pivot, lower=True) if len(pivot) else pivot,
     )
+
+
+def _lower_factor(level: Level) -> FloatArray:
+    """Cholesky factor of A, in its place; runs that are apart first, each with what it is next to.
+
+    Its upper triangle means nothing.
+    """
+    a, rest = level.flexibility, max(level.apart, default=0)
+    for begin, end in pairwise((0, *level.apart)):
+        run = slice(begin, end)
+        a[run, run] = own = scipy.linalg.cholesky(a[run, run], lower=True, check_finite=False)
+        beside = rest + np.flatnonzero(a[rest:, run].any(axis=1))
+        coupling = _lower_solve(own, a[beside, run].T)
+        a[beside, run] = coupling.T
+        a[np.ix_(beside, beside)] -= coupling.T @ coupling
+    a[rest:, rest:] = scipy.linalg.cholesky(a[rest:, rest:], lower=True, check_finite=False)
+    return a
 
 
 def _eliminate_leaning(number: int, level: Level) -> _Leant:
