@@ -54,6 +54,8 @@ _LEAST_HOLDING = 1e-6
 _LEAST_IN_MOTION = 1e-4
 #: Share of the first holding springs when blocks turn out to be unheld.
 _RESCUE_HOLDING = 1e-3
+#: The same at a start near the equilibrium, if linear problems are exact.
+_EXACT_HOLDING = 1e-4
 #: Rescues after which the blocks are reported as unheld.
 _MAX_RESCUES = 30
 #: First iterations with one pressure for each facet of elements of degree 1: nearly every point is
@@ -145,10 +147,13 @@ class Iterate:
     converged: bool = False
 
 
-def start_iterate(system: Sector, start: FloatArray | None = None) -> Iterate:
+def start_iterate(
+    system: Sector, start: FloatArray | None = None, *, exact: bool = False
+) -> Iterate:
     """Every point linearised at the mean pressure that the loads suggest, or where a state has it.
 
-    ``start`` are its displacements, (n_nodes, 3) [mm].
+    ``start`` are its displacements, (n_nodes, 3) [mm]; softer springs hold it if linear problems
+    are ``exact`` (`LinearStep.exact`): then they alone would delay the equilibrium near it.
     """
     points, touching = system.points, system.law.touching_pressure
     displacement = np.zeros((system.n_nodes, 3)) if start is None else start
@@ -164,7 +169,7 @@ def start_iterate(system: Sector, start: FloatArray | None = None) -> Iterate:
         # Without friction blocks that only friction holds would move far away.
         coarse = _COARSE_ITERATIONS if flat and not system.has_friction else 0
     else:
-        first *= _RESCUE_HOLDING
+        first *= _EXACT_HOLDING if exact else _RESCUE_HOLDING
     slid, holding = Slid(np.zeros_like(at[..., 1:])), Holding(first, first, coarse=coarse)
     force = np.zeros_like(displacement)
     return Iterate(displacement, force, gaps, at, slid, holding, Point())

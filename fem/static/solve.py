@@ -276,7 +276,7 @@ def _beginning(
     near = None if start is None else _localised(system, start)
     if not system.whole.contact.finite_sliding:
         problem = problem_of(system, options, store, near)
-        return problem, start_iterate(problem.system, near), None
+        return problem, start_iterate(problem.system, near, exact=problem.step.exact), None
     points = facing_points(system, start)
     rest = np.zeros((system.n_nodes, 3)) if near is None else near
     search = PointSearch(points, ElasticSlips.none(points), rest)

@@ -204,6 +204,11 @@ class GridStep(LinearStep):
         units = [self._of_motions(np.tile(one, (len(self._grids), 1))) for one in np.eye(6)]
         self._turning = TurningNormals(system, np.stack(units))
 
+    @property
+    def exact(self) -> bool:
+        """Whether no soft point keeps its force."""
+        return self._softest == 0.0
+
     def _place_points(self) -> None:
         """Find which points of each block those of the facets are, and levels of both."""
         system, surfaces = self._system, self._system.points

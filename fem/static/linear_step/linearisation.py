@@ -247,6 +247,11 @@ class LinearStep(ABC):
             Blocks that nothing holds.
         """
 
+    @property
+    def exact(self) -> bool:
+        """Whether every force follows the law's tangent, and none is kept as it was."""
+        return True
+
     def internal_force(self, displacement: FloatArray) -> FloatArray:
         """K u, condensed where inner nodes are left out, (n_nodes, 3) [N]."""
         return self._system.internal_force(displacement)
