@@ -128,12 +128,12 @@ def check_explicit(problem: Problem, method: Explicit) -> Problem:
             "after: explicit runs begin at rest, or with a motion; expected solve_static"
         )
     check_timed(
-        problem.deformable,
+        problem.system,
         finite_rotation=problem.finite_rotation,
         ramp_time=method.ramp_time,
         end_time=method.end_time,
     )
-    check_system(problem.deformable, method.symmetry)
+    check_system(problem.system, method.symmetry)
     return problem
 
 
@@ -153,7 +153,7 @@ def stated_run(problem: Problem, method: Explicit) -> TimedSystem:
     """State the explicit problem and the times of its run: `timed_system`."""
     moves, turning = problem.motion is not None, problem.finite_rotation
     return timed_system(
-        problem.deformable,
+        problem.system,
         effects=method.effects(moves=moves, finite_rotation=turning, gravity=problem.acceleration),
         symmetry=method.symmetry,
         ramp_time=method.ramp_time,

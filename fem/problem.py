@@ -75,8 +75,8 @@ class Motion:
     def velocities(self, bodies: Sequence[Body]) -> tuple[FloatArray, ...]:
         """Of all nodes of each body, (n_copies, n_nodes, 3) [mm/s]."""
         result = []
-        for group in bodies:
-            positions = group.reference_positions()
+        for body in bodies:
+            positions = body.reference_positions()
             arm = positions - positions.mean(axis=1, keepdims=True)
             result.append(self.velocity + np.cross(self.angular_velocity, arm))
         return tuple(result)
@@ -626,7 +626,7 @@ class Problem:
                 )
 
     @cached_property
-    def deformable(self) -> System:
+    def system(self) -> System:
         """Deformable blocks in contact, for the static and the explicit solver.
 
         Surfaces that slide need not conform, so blocks that nothing holds are then not looked for.
@@ -643,7 +643,7 @@ class Problem:
             A coefficient that cannot be used.
         """
         if self.is_solid:
-            return self.meshed.deformable
+            return self.meshed.system
         from fem.system.build import (
             block_groups,
             check_held,
@@ -667,13 +667,13 @@ class Problem:
         for key, of_pairs in self._of_pairs if not sliding else ():
             joints = surfaces.block_m, surfaces.block_s
             check_pairs(key, of_pairs, assembly.n_blocks, joints)
-        bodies, group_of, copy_of = block_groups(
+        bodies, body_number, copy_of = block_groups(
             assembly, deforms, offsets, self.materials, self.element, held=load.held
         )
         return System(
             assembly=assembly,
             bodies=bodies,
-            group_of=group_of[assembly.originals],
+            body_number=body_number[assembly.originals],
             copy_of=copy_of[assembly.originals],
             offsets=offsets,
             surfaces=surfaces,
@@ -681,7 +681,7 @@ class Problem:
             supports=support_rows(assembly, load, rigid=self.frames is Frames.RIGID),
             forces=force_rows(assembly, load, deforms),
             gravity=self.acceleration,
-            on_ground=ground_loads(assembly, load, group_of),
+            on_ground=ground_loads(assembly, load, body_number),
         )
 
 

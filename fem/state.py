@@ -100,7 +100,7 @@ class State(ReadOnlyArrays):
     """What `once` has computed of this state, by the name of the function."""
 
     @property
-    def deformable(self) -> System:
+    def whole(self) -> System:
         """Blocks, loads, supports and contact of the whole."""
         return self.system.whole
 
@@ -128,12 +128,12 @@ class State(ReadOnlyArrays):
 
     @cached_property
     def displacements(self) -> tuple[FloatArray, ...]:
-        """Of each group of congruent blocks, (n_copies, n_nodes_of_a_block, 3) [mm]."""
+        """Of each body, (n_copies, n_nodes_of_a_block, 3) [mm]."""
         return tuple(self.system.expand(self.displacement))
 
     @property
     def velocities(self) -> tuple[FloatArray, ...]:
-        """Of each group, alike [mm/s]; () of a static state."""
+        """Of each body, alike [mm/s]; () of a static state."""
         return () if self.velocity is None else tuple(self.system.expand(self.velocity))
 
     @cached_property
@@ -143,8 +143,8 @@ class State(ReadOnlyArrays):
 
     def displacement_of(self, block: int) -> FloatArray:
         """Of the nodes of a block that deforms, (n_nodes, 3) [mm]."""
-        whole = self.deformable
-        return self.displacements[int(whole.group_of[block])][int(whole.copy_of[block])]
+        whole = self.whole
+        return self.displacements[int(whole.body_number[block])][int(whole.copy_of[block])]
 
     @property
     def largest_displacement(self) -> float:
@@ -153,7 +153,7 @@ class State(ReadOnlyArrays):
 
     @cached_property
     def support_forces(self) -> tuple[FloatArray, ...]:
-        """Of the supports on the nodes of each group, alike [N]; () where nothing is held."""
+        """Of the supports on the nodes of each body, alike [N]; () where nothing is held."""
         return () if self.support_force is None else tuple(self.system.expand(self.support_force))
 
     @cached_property
@@ -167,7 +167,7 @@ class State(ReadOnlyArrays):
     @property
     def points(self) -> ContactPoints:
         """Points of contact of all blocks."""
-        return self._searched or self.deformable.surfaces
+        return self._searched or self.whole.surfaces
 
     @cached_property
     def overclosures(self) -> FloatArray:
@@ -180,7 +180,7 @@ class State(ReadOnlyArrays):
     @cached_property
     def pressures(self) -> FloatArray:
         """Of all points, alike [MPa]."""
-        law = self.deformable.contact.law.on(self.points.block_m, self.points.block_s)
+        law = self.whole.contact.law.on(self.points.block_m, self.points.block_s)
         return law.pressure(self.overclosures)
 
     @cached_property
@@ -196,7 +196,7 @@ class State(ReadOnlyArrays):
         # A run solves in the axes of contact: those of the blocks would round differently.
         solved = self.overclosures if self.run is None else None
         at_points = self.points, self.frictions, solved
-        return contact_state(self.deformable, self.displacements, *at_points)
+        return contact_state(self.whole, self.displacements, *at_points)
 
 
 def once(function: Callable[[State], _T]) -> Callable[[State], _T]:

@@ -316,7 +316,7 @@ def _stick_change(one: Solved, options: StaticOptions, factor: float = 1.0) -> V
     """Changes by softer stick on one mesh, under a factor times the loads in as many steps."""
     once = replace(options, load_steps=one.state.evidence.load_steps, load_tolerance=None)
     return stick_change(
-        one.problem, one.state, lambda softer: static_state(softer.deformable.under(factor), once)
+        one.problem, one.state, lambda softer: static_state(softer.system.under(factor), once)
     )
 
 
@@ -417,11 +417,11 @@ def _state(
     factor: float,
 ) -> tuple[State, MeshFacets | None]:
     """State on a mesh, and the mean pressures on the facets of the mesh that was stated."""
-    deformable, start = stated.deformable.under(factor), None
+    system, start = stated.system.under(factor), None
     known: Known = ()
-    if before is not None and deformable.meets and _may_start(stated, before.problem):
+    if before is not None and system.meets and _may_start(stated, before.problem):
         coarse = before.state
-        move = partial(transferred, source=coarse.deformable, target=deformable)
+        move = partial(transferred, source=coarse.whole, target=system)
         if stated.coulomb is None:
             start = move(coarse.displacements)
         else:
@@ -432,7 +432,7 @@ def _state(
             else:
                 halved = max(options.load_steps, coarse.evidence.load_steps // 2)
                 options = replace(options, load_steps=halved)
-    state = static_state(deformable, options, start=start, known=known)
+    state = static_state(system, options, start=start, known=known)
     return state, means_on(base.blocks, state)
 
 

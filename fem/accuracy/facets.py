@@ -38,7 +38,7 @@ _AT_ONCE = 1 << 16
 
 def means_on(blocks: Assembly, state: State) -> MeshFacets | None:
     """Means of a state over the facets of another mesh of the same blocks, where facets match."""
-    solved, order = state.deformable, state.system.orbits.order
+    solved, order = state.whole, state.system.orbits.order
     if not solved.meets or solved.contact.finite_sliding:
         return None
     means = pressures_on_facets(blocks, solved, state.displacements, symmetry=order)
@@ -61,7 +61,7 @@ def pressures_on_facets(
     solved
         The same blocks on the mesh that was solved.
     displacements
-        Of each group, world axes, (n_copies, n_nodes, 3) [mm].
+        Of each body, world axes, (n_copies, n_nodes, 3) [mm].
     symmetry
         Order of a turn about the axis after which the state is the same: facets that it maps onto
         each other are evaluated once.
@@ -75,8 +75,8 @@ def pressures_on_facets(
     degree = max(shape.mesh.degree for shape in solved.assembly.shapes)
     at = _nodes_of_parts(_parts(facets, solved.assembly), degree)
     state = solved, displacements, alike
-    groups = np.array_split(chosen, math.ceil(len(chosen) * len(at) / _AT_ONCE) or 1)
-    pressures = [_pressures(facets, state, group, (at, degree)) for group in groups]
+    bodies = np.array_split(chosen, math.ceil(len(chosen) * len(at) / _AT_ONCE) or 1)
+    pressures = [_pressures(facets, state, body, (at, degree)) for body in bodies]
     return np.concatenate(pressures)[which]
 
 
@@ -167,9 +167,9 @@ def _at_facets(
         stands, field = np.unique(alike[blocks[rows]], return_inverse=True)
         fields = [assembly.shapes[number].mesh.nodes]
         for block in stands:
-            group, u = int(solved.group_of[block]), np.zeros_like(fields[0])
-            if group >= 0:
-                u = displacements[group][solved.copy_of[block]] @ assembly.rotations[block]
+            body, u = int(solved.body_number[block]), np.zeros_like(fields[0])
+            if body >= 0:
+                u = displacements[body][solved.copy_of[block]] @ assembly.rotations[block]
             fields.append(u)
         to = interpolation_on_faces(assembly.shapes[number], places)
         values = to @ np.concatenate(fields, axis=1)

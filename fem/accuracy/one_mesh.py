@@ -82,13 +82,13 @@ def static_errors(
     if few and spent is not None and spent.grown(_FINER) <= allowance().work:
         with suppress(RefusedError):
             finer = solve(_twice_as_fine(problem))
-    elements, meshes = state.deformable.n_elements, []
+    elements, meshes = state.whole.n_elements, []
     with unlimited():  # of what is solved
         others = [(other, values_of(other)) for _, other in coarser_ones]
         if finer is not None:
             others.append((finer, values_of(finer, means_on(problem.blocks, finer))))
         for other, found in others:
-            refinement = (elements / other.deformable.n_elements) ** (1.0 / 3.0)
+            refinement = (elements / other.whole.n_elements) ** (1.0 / 3.0)
             if refinement != 1.0:
                 meshes.append((found, refinement))
         values, sides = values_of(state), bracketed(state) if meshes and not degrees else {}
@@ -119,7 +119,7 @@ def stick_change(
     coulomb = problem.coulomb
     if coulomb is None or coulomb.stick_stiffness is not None:
         return {}
-    softer = replace(coulomb, stick_stiffness=0.1 * problem.deformable.stick())
+    softer = replace(coulomb, stick_stiffness=0.1 * problem.system.stick())
     before, after = values_of(state), values_of(solve(replace(problem, friction=softer)))
     return {name: abs(value - before[name]) for name, value in after.items()}
 

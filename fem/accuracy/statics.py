@@ -139,7 +139,7 @@ def check_static(problem: Problem, method: Static) -> Problem:
     if problem.after is None:
         for name in ("tensile_strength", "compressive_strength"):
             one_strength(name, (getattr(material, name) for material in problem.materials))
-    check_system(problem.deformable, method.symmetry)
+    check_system(problem.system, method.symmetry)
     return problem
 
 
@@ -315,10 +315,10 @@ def _state(
     factor: float = 1.0,
 ) -> State:
     """State of a problem on its mesh, under a factor times the loads."""
-    *before, deformable = (stage.deformable for stage in problem.stages)
+    *before, system = (stage.system for stage in problem.stages)
     if factor != 1.0:
-        deformable = deformable.under(factor)
-    return static_state(deformable, options, store=store, before=before)
+        system = system.under(factor)
+    return static_state(system, options, store=store, before=before)
 
 
 def refines(problem: Problem, method: Static) -> bool:
@@ -393,7 +393,7 @@ def _write_frames(
 
     if len(path) < count - 1 and state.friction is None and state.time is None:
         in_parts = replace(options, load_steps=count - 1, load_tolerance=None)
-        path = [*static_state(state.deformable, in_parts).evidence.path, state]
+        path = [*static_state(state.whole, in_parts).evidence.path, state]
     began = state.system.begin
     moved = np.zeros_like(state.displacement) if began is None else began[0]
     path = [replace(path[0], displacement=moved, load_factor=0.0, time=0.0), *path]
@@ -402,6 +402,6 @@ def _write_frames(
     times, path = list(at), list(at.values())
     chosen = np.unique(np.round(np.linspace(len(path) - 1, 0, min(count, len(path)))).astype(int))
     for number, k in enumerate(chosen.tolist()):
-        one, bodies, last = path[k], state.deformable.bodies, k == len(path) - 1
+        one, bodies, last = path[k], state.whole.bodies, k == len(path) - 1
         on_frame(Frame(number, times[k], bodies, one.displacements, last=last))
     follower.watch.lap("frames")

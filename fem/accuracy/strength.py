@@ -76,7 +76,7 @@ def strength_factors(
     MaterialError
         Blocks of different strengths.
     """
-    materials = [group.material for group in state.deformable.bodies]
+    materials = [body.material for body in state.whole.bodies]
     strengths = {
         name: one_strength(name, (getattr(material, name) for material in materials))
         for name in JUDGED
@@ -88,13 +88,13 @@ def strength_factors(
 
     last, solved = 1.0, {1.0: state}
     known: dict[float, Mapping[str, Measure]] = {1.0: measures}
-    path_counts = state.deformable.contact.friction is not None
+    path_counts = state.whole.contact.friction is not None
 
     def at(factor: float) -> Mapping[str, Measure]:
         nonlocal last
         near = abs(math.log(factor / last)) < math.log(_NEARBY)
         result = static_state(
-            state.deformable.under(factor),
+            state.whole.under(factor),
             options,
             store=store,
             start=solved[last].displacements if near and not path_counts else None,
@@ -134,7 +134,7 @@ def _judged(
     """
     at, bar_at = asked
     measures = known[1.0]
-    if state.deformable.supports.tables:
+    if state.whole.supports.tables:
         return _not_found("supports move, and loads alone are scaled")
     there = [name for name in names if name in measures]
     if not measures[there[0]].is_number:  # what others are on this mesh is no bound of it
@@ -160,7 +160,7 @@ def _judged(
     place = dict(reached.place or {})
     if stress.place is not None and place.get("blocks") != stress.place.get("blocks"):
         place["moved"] = True
-    if state.deformable.surfaces.clearance < 0.0:
+    if state.whole.surfaces.clearance < 0.0:
         place["interference"] = True
     if not (reached.resolved and (stress.error is None or reached.is_number)):
         remark = _TOO_COARSE.format(factor)

@@ -59,12 +59,12 @@ def _sums(mesh: HexMesh, values: FloatArray, members: IntArray) -> csr_array:
 def transferred(
     displacements: tuple[FloatArray, ...], source: System, target: System
 ) -> tuple[FloatArray, ...]:
-    """Displacements of each group at the nodes of another mesh of the same blocks.
+    """Displacements of each body at the nodes of another mesh of the same blocks.
 
     Parameters
     ----------
     displacements
-        Of each group of the source, world axes, (n_copies, n_nodes, 3) [mm].
+        Of each body of the source, world axes, (n_copies, n_nodes, 3) [mm].
     source, target
         The same blocks on two meshes.
 
@@ -81,9 +81,9 @@ def transferred(
     return tuple(result)
 
 
-def _shape(deformable: System, group: int) -> Block:
-    block = int(np.flatnonzero(deformable.group_of == group)[0])
-    return deformable.assembly.shape(block)
+def _shape(system: System, body: int) -> Block:
+    block = int(np.flatnonzero(system.body_number == body)[0])
+    return system.assembly.shape(block)
 
 
 def unique_rows(rows: IntArray) -> tuple[IntArray, IntArray]:

@@ -82,13 +82,13 @@ def answer_of(
         Printed forces of a static state that do not balance its blocks.
     """
     require_balance(state)
-    layer = state.deformable.assembly.layer
+    layer = state.whole.assembly.layer
     measures = measures_of(state, errors, facets=facets, remarks=remarks)
-    blocks = state.deformable.assembly if facets is None else facets[0]
+    blocks = state.whole.assembly if facets is None else facets[0]
     sought = problem is not None and problem.finite_sliding
-    whole = state.deformable
+    whole = state.whole
     of_body = np.array([body.material.density for body in whole.bodies])
-    densities = np.where(whole.group_of < 0, 0.0, of_body[whole.group_of])
+    densities = np.where(whole.body_number < 0, 0.0, of_body[whole.body_number])
     built = Built(lambda: dimensions(blocks, densities, closed_area=_closed_area(state)))
     return Answer(
         title=_title(state),
@@ -99,8 +99,8 @@ def answer_of(
             {
                 "points": lambda: _positions(state),
                 "cells": lambda: _hexahedra(state),
-                "block_of_point": lambda: state.deformable.block_of_node,
-                "layer_of_point": lambda: layer[state.deformable.block_of_node],
+                "block_of_point": lambda: state.whole.block_of_node,
+                "layer_of_point": lambda: layer[state.whole.block_of_node],
             }
         ),
         contacts=contacts_of(state, facets),
@@ -122,7 +122,7 @@ def require_balance(state: State) -> None:
 
     A periodic cell is not judged: the force that keeps it in place as a whole is no printed one.
     """
-    whole = state.deformable
+    whole = state.whole
     if state.run is not None or not whole.meets or whole.assembly.image_of is not None:
         return
     left = imbalance_of(state)
@@ -136,7 +136,7 @@ def require_balance(state: State) -> None:
 
 
 def _title(state: State) -> str:
-    result = state.deformable
+    result = state.whole
     blocks, elements = len(result.deformable_blocks), result.n_elements
     return f"{result.assembly.name}: {state.method}, {blocks} blocks, {elements} elements"
 
@@ -162,17 +162,17 @@ def _fields(state: State) -> Lazy[Array]:
 
 def _positions(state: State) -> FloatArray:
     """Of all nodes before the load acts, (n_nodes, 3) [mm]."""
-    groups = state.deformable.bodies
-    return np.concatenate([g.reference_positions().reshape(-1, 3) for g in groups])
+    bodies = state.whole.bodies
+    return np.concatenate([g.reference_positions().reshape(-1, 3) for g in bodies])
 
 
 def _hexahedra(state: State) -> IntArray:
     """Corner nodes of all elements, (n_elements, 8)."""
     elements, first = [], 0
-    for group in state.deformable.bodies:
-        starts = first + group.n_nodes * np.arange(group.n_copies)
-        elements.append((group.mesh.elements[None] + starts[:, None, None]).reshape(-1, 8))
-        first += group.n_nodes * group.n_copies
+    for body in state.whole.bodies:
+        starts = first + body.n_nodes * np.arange(body.n_copies)
+        elements.append((body.mesh.elements[None] + starts[:, None, None]).reshape(-1, 8))
+        first += body.n_nodes * body.n_copies
     return np.concatenate(elements)
 
 
@@ -187,7 +187,7 @@ def report_of(
 
     ``sought``: whether finite sliding is stated, so that contact is searched for whatever the mesh.
     """
-    result = state.deformable
+    result = state.whole
     large = large_motion(state)
     least, largest = nodal_stress_range(state)
     if result.meets:
@@ -211,14 +211,14 @@ def report_of(
 
 def _search_words(state: State, sought: bool) -> str:
     """Whether and why the facets that face each other were searched."""
-    if not state.deformable.contact.finite_sliding:
+    if not state.whole.contact.finite_sliding:
         return "matching meshes, fixed pairs (small sliding)"
     return "finite sliding" if sought else "finite sliding (non-matching meshes)"
 
 
 def assumptions(state: State) -> list[str]:
     """What is taken for granted of blocks and joints, in words."""
-    whole = state.deformable
+    whole = state.whole
     turned = "rotations of any size" if state.finite_rotation else "small rotations"
     words = [f"linear elastic blocks, small strains, {turned}"]
     if whole.meets:
@@ -236,7 +236,7 @@ def assumptions(state: State) -> list[str]:
 
 def _closed_area(state: State) -> float | None:
     """Area of the points that press at the end [mm²]; None where facets match."""
-    result = state.deformable
+    result = state.whole
     searched = result.meets and result.contact.finite_sliding
     if not searched or result.assembly.interfaces.areas.size:
         return None
@@ -262,9 +262,9 @@ def contact_report(
 
 def face_displacements(state: State) -> dict[str, Any]:
     """Mean displacement of each named face of the first block, weighted by facet area."""
-    result, whole = {}, state.deformable
+    result, whole = {}, state.whole
     block = whole.assembly.shape(0)
-    moved = state.displacements[int(whole.group_of[0])][int(whole.copy_of[0])]
+    moved = state.displacements[int(whole.body_number[0])][int(whole.copy_of[0])]
     for name in block.faces:
         surface = block.surface(name)
         mean = surface.areas @ moved[surface.quads].mean(axis=1) / surface.areas.sum()
@@ -287,7 +287,7 @@ def _support_report(state: State) -> dict[str, Any]:
             }
             for curve in push_curves_of(state)
         ]
-    return data | ({"reached": reached(state)} if state.deformable.supports.tables else {})
+    return data | ({"reached": reached(state)} if state.whole.supports.tables else {})
 
 
 def _static_report(state: State) -> dict[str, Any]:
@@ -337,7 +337,7 @@ def _quasi_static_report(state: State) -> dict[str, Any]:
     run, report = state.run, quasi_static(state)
     if run is None or run.stated.times.recommended is None or report is None:
         return {}
-    meets = state.deformable.meets
+    meets = state.whole.meets
     return {
         "loose_blocks": unrestrained_blocks(state).tolist() if meets else [],
         "counted_pressure": run.stated.counted_pressure,

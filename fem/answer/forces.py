@@ -55,10 +55,10 @@ def joints_of(state: State) -> JointResultants:
 
 def reactions_of(state: State) -> dict[str, dict[str, Any]]:
     """Resultants of supports and rigid blocks by name: `geometry.parts.balance.Reactions`."""
-    whole = state.deformable
+    whole = state.whole
     result = reactions(whole, state.support_forces, state.displacements)
     if whole.meets:
-        rigid, loads = np.flatnonzero(whole.group_of < 0), whole.on_ground
+        rigid, loads = np.flatnonzero(whole.body_number < 0), whole.on_ground
         others = None if loads is None else state.load_factor * loads
         fixed = of_fixed_blocks(whole.assembly, joints_of(state), rigid, others)
         result = together(result, fixed)
@@ -72,14 +72,14 @@ def imbalance_of(state: State) -> Imbalance:
     Internal forces of small rotations balance about the undeformed places: their moment about
     the deformed ones, of second order, is one of the terms.
     """
-    whole, loads = state.deformable, state.system.expand(state.system.loads[-1])
+    whole, loads = state.whole, state.system.expand(state.system.loads[-1])
     others = np.zeros((whole.assembly.n_blocks, 6))
     acting, needed = np.zeros(whole.assembly.n_blocks), _contact_forces(state, loads)
     centres = whole.assembly.centroids + whole.offsets
-    for number, (group, u) in enumerate(zip(whole.bodies, state.displacements, strict=True)):
-        blocks = whole.deformable_blocks[whole.group_of[whole.deformable_blocks] == number]
+    for number, (body, u) in enumerate(zip(whole.bodies, state.displacements, strict=True)):
+        blocks = whole.deformable_blocks[whole.body_number[whole.deformable_blocks] == number]
         force = needed[number][whole.copy_of[blocks]]
-        places = (group.reference_positions() + u)[whole.copy_of[blocks]]
+        places = (body.reference_positions() + u)[whole.copy_of[blocks]]
         moment = np.cross(places - centres[blocks][:, None], force)
         others[blocks] = -np.hstack([force.sum(axis=1), moment.sum(axis=1)])
         sizes = np.linalg.norm(loads[number][whole.copy_of[blocks]], axis=2)
@@ -96,15 +96,15 @@ def imbalance_of(state: State) -> Imbalance:
 
 @once
 def internal_forces(state: State) -> tuple[FloatArray, ...]:
-    """K u of the nodes of each group, for balance and energy, (n_copies, n_nodes, 3) [N]."""
-    groups = zip(state.deformable.bodies, state.displacements, strict=True)
+    """K u of the nodes of each body, for balance and energy, (n_copies, n_nodes, 3) [N]."""
+    bodies = zip(state.whole.bodies, state.displacements, strict=True)
     return tuple(
-        g.internal_force(u @ g.rotations) @ g.rotations.transpose(0, 2, 1) for g, u in groups
+        g.internal_force(u @ g.rotations) @ g.rotations.transpose(0, 2, 1) for g, u in bodies
     )
 
 
 def _contact_forces(state: State, loads: list[FloatArray]) -> tuple[FloatArray, ...]:
-    """What contact has to do to the nodes of each group, (n_copies, n_nodes, 3) [N].
+    """What contact has to do to the nodes of each body, (n_copies, n_nodes, 3) [N].
 
     From the loads on them, alike.
     """
@@ -126,7 +126,7 @@ def push_curves_of(state: State) -> tuple[PushCurve, ...]:
     steps = {s.time: s.support_forces for s in path if s.time is not None}
     if not steps or state.evidence.curves:
         return state.evidence.curves
-    return push_curves(state.deformable, tuple(steps.items()))
+    return push_curves(state.whole, tuple(steps.items()))
 
 
 # ---------------------------------------------------------------------------------------------
@@ -160,12 +160,12 @@ def strain_energy(state: State) -> float:
 def contact_energy(state: State) -> float:
     """What contact laws hold [N mm]."""
     points = state.points
-    law = state.deformable.contact.law.on(points.block_m, points.block_s)
+    law = state.whole.contact.law.on(points.block_m, points.block_s)
     stored = float((points.weights * law.stored_energy(state.overclosures)).sum())
     if state.frictions is None:
         return stored
     square = (state.frictions**2).sum(axis=-1)
-    return stored + float((points.weights * square).sum()) / (2.0 * state.deformable.stick())
+    return stored + float((points.weights * square).sum()) / (2.0 * state.whole.stick())
 
 
 def external_work(state: State) -> float:
@@ -174,7 +174,7 @@ def external_work(state: State) -> float:
     Of blocks in contact what they store and friction dissipates, less what contact holds before
     anything acts; of single bodies half of the loads along the displacements.
     """
-    if not state.deformable.meets:
+    if not state.whole.meets:
         return 0.5 * load_work(state)
     stored = strain_energy(state) + contact_energy(state)
     return stored + state.frictional_dissipation - _at_rest(state)
@@ -182,7 +182,7 @@ def external_work(state: State) -> float:
 
 def _at_rest(state: State) -> float:
     """Contact energy before any load acts [N mm]; 0 with interference, which takes work."""
-    if state.deformable.surfaces.clearance < 0.0:
+    if state.whole.surfaces.clearance < 0.0:
         return 0.0
     start = np.zeros_like(state.displacement)
     return contact_energy(replace(state, displacement=start, friction=None, anchor=None))
@@ -207,7 +207,7 @@ def work_of_motion(state: State) -> float | None:
 def load_work(state: State) -> float:
     """Full loads times displacements [N mm]."""
     system = state.system
-    slots = system.slot_of[state.deformable.deformable_blocks]
+    slots = system.slot_of[state.whole.deformable_blocks]
     copies = np.repeat(np.bincount(slots, minlength=system.n_slots), np.diff(system.node_start))
     work = copies @ (state.displacement * system.loads[-1]).sum(axis=1)
     return float(work)
@@ -217,7 +217,7 @@ def energy_balance(state: State) -> float | None:
     """Error of the balance of energies [-]; None for static blocks in contact."""
     if state.run is not None:
         return state.run.energy_balance
-    if state.deformable.meets:
+    if state.whole.meets:
         return None
     strain = strain_energy(state)
     return abs(external_work(state) - strain) / max(strain, 1e-300)

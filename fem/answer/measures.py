@@ -54,7 +54,7 @@ def measures_of(
     makers = {
         "max_displacement": lambda: _measure(state, _largest_displacement(state), "mm")
     } | _stresses(state)
-    if state.deformable.meets:
+    if state.whole.meets:
         makers |= _pressures(state, facets)
     makers |= _of_motion(state)
     bars, notes = errors or {}, remarks or {}
@@ -73,7 +73,7 @@ def measures_of(
 
 def _largest_displacement(state: State) -> Peak:
     """Node that moves most, and by how much [mm]."""
-    whole = state.deformable
+    whole = state.whole
     blocks = whole.deformable_blocks.tolist()
     sizes = [np.linalg.norm(state.displacement_of(block), axis=1) for block in blocks]
     largest = np.array([size.max() for size in sizes])
@@ -105,7 +105,7 @@ def _work(state: State, curve: PushCurve) -> Measure:
     balanced = work_of_motion(state)
     if balanced is None:
         return Measure(curve.work, "N mm", error=curve.work_error)
-    steps = abs(balanced - curve.work) if state.deformable.contact.friction is not None else None
+    steps = abs(balanced - curve.work) if state.whole.contact.friction is not None else None
     return Measure(balanced, "N mm", error=steps)
 
 
@@ -130,7 +130,7 @@ def _pressures(
         return Measure(0.0, "MPa") if largest is None else _measure(state, largest)
 
     def largest_mean() -> Measure:
-        assembly = state.deformable.assembly if facets is None else facets[0]
+        assembly = state.whole.assembly if facets is None else facets[0]
         return largest_facet_mean(assembly, contacts_of(state, facets))
 
     @cache
@@ -138,7 +138,7 @@ def _pressures(
         return contact_on(state, facets)
 
     # With friction, pressures at sharp edges seldom converge, forces of joints do.
-    friction = state.deformable.contact.friction is not None
+    friction = state.whole.contact.friction is not None
     joints = {}
     if friction and state.contact_state.position_s is not None:
         joints = {"largest_joint_force": lambda: _largest_joint_force(state)}
@@ -157,7 +157,7 @@ def _largest_joint_force(state: State) -> Measure:
         return Measure(0.0, "N")
     k = first_largest(joints.normal_force)
     pair = int(joints.block_m[k]), int(joints.block_s[k])
-    where = place(state.deformable.assembly, pair, joints.centroids[k])
+    where = place(state.whole.assembly, pair, joints.centroids[k])
     return Measure(float(joints.normal_force[k]), "N", place=where)
 
 
@@ -183,12 +183,12 @@ def contacts_of(state: State, facets: tuple[Assembly, FloatArray] | None = None)
     """
     if facets is not None:
         return Lazy(_interfaces_of(*facets))
-    return Lazy(_facets_of(state) if state.deformable.meets else {})
+    return Lazy(_facets_of(state) if state.whole.meets else {})
 
 
 def _facets_of(state: State) -> dict[str, Callable[[], Array]]:
     """Facets as they are solved."""
-    contact, assembly = state.contact_state, state.deformable.assembly
+    contact, assembly = state.contact_state, state.whole.assembly
     values: dict[str, Callable[[], Array]] = {
         "pressure": lambda: contact.pressures,
         "force": lambda: contact.forces,
@@ -231,7 +231,7 @@ def _interfaces_of(assembly: Assembly, pressures: FloatArray) -> dict[str, Calla
 
 def _measure(state: State, peak: Peak, unit: str = "MPa", **beside: float) -> Measure:
     """Value and place of a peak, and what stands beside the place."""
-    where = place(state.deformable.assembly, peak.blocks, peak.position, peak.face)
+    where = place(state.whole.assembly, peak.blocks, peak.position, peak.face)
     return Measure(peak.value, unit, place=where | beside, resolved=peak.resolved)
 
 
@@ -260,7 +260,7 @@ def load_step_change(state: State) -> dict[str, float]:
 
 def hidden_between_nodes(state: State) -> dict[str, float]:
     """What nodes may hide of the pressure at a point, in its unit; empty without contact."""
-    return {"p_max_point": pressure_between_nodes(state)} if state.deformable.meets else {}
+    return {"p_max_point": pressure_between_nodes(state)} if state.whole.meets else {}
 
 
 def facet_step(state: State, share: float) -> float:
@@ -280,7 +280,7 @@ def bracketed(state: State) -> dict[str, float]:
     Integration points against corners of facets and of elements.
     """
     stress, result, pressures = stress_peaks(state), measures_of(state), {}
-    if state.deformable.meets:
+    if state.whole.meets:
         pressures = {
             "p_max_point": _peak_distance(state, result["p_max_point"]),
         }

@@ -24,8 +24,8 @@ _ROUND_OFF = 1e-9
 def largest_turn(state: State) -> float:
     """Largest angle by which a block turns, of the nearest rigid motion [rad]."""
     largest = 0.0
-    for group, moved in zip(state.deformable.bodies, state.displacements, strict=True):
-        arm = group.mesh.nodes - group.mesh.nodes.mean(axis=0)
+    for body, moved in zip(state.whole.bodies, state.displacements, strict=True):
+        arm = body.mesh.nodes - body.mesh.nodes.mean(axis=0)
         gradients = np.einsum("cni,nj->cij", moved, np.linalg.pinv(arm).T)
         spins = 0.5 * (gradients - gradients.transpose(0, 2, 1))
         turns = np.linalg.norm(spins, axis=(1, 2)) / np.sqrt(2.0)
@@ -44,7 +44,7 @@ def large_motion(state: State) -> float | None:
     None as well where it is counted as it is: with finite sliding, and with finite rotation or
     of blocks that hardly turn.
     """
-    whole = state.deformable
+    whole = state.whole
     if not whole.meets or (whole.contact.finite_sliding and not turns_as_small(state)):
         return None
     share = state.largest_displacement / whole.assembly.characteristic_length
@@ -57,7 +57,7 @@ def slip(state: State) -> dict[str, float] | None:
     None where facets are searched. Facets that stay paired as built give no answer beyond a
     slip of one facet.
     """
-    whole, contact = state.deformable, state.contact_state
+    whole, contact = state.whole, state.contact_state
     if whole.contact.finite_sliding or not contact.n_facets:
         return None
     surfaces, pressing = whole.surfaces, contact.pressures > 0.0
@@ -79,14 +79,14 @@ def unrestrained_blocks(state: State) -> IntArray:
     Pressures are determined, the places of these blocks are not. Not judged: friction, and
     explicit runs with searched facets or to another end than the static state.
     """
-    contact = state.deformable.contact
+    contact = state.whole.contact
     if state.run is None:
         return state.evidence.loose_blocks
     stated = state.run.stated
     if stated.times.recommended is None or contact.friction is not None or contact.finite_sliding:
         return np.zeros(0, dtype=np.int64)
-    everyone = np.arange(state.deformable.assembly.n_blocks)
-    where = state.deformable, state.displacements
+    everyone = np.arange(state.whole.assembly.n_blocks)
+    where = state.whole, state.displacements
     return loose_blocks(*where, state.pressures, state.points, everyone)
 
 
@@ -94,7 +94,7 @@ def reached(state: State) -> bool:
     """Whether supports that move have arrived where they are prescribed."""
     if state.run is None:
         return state.evidence.stopped is None
-    arrival = state.run.stated.times.settled if state.deformable.supports.tables else 0.0
+    arrival = state.run.stated.times.settled if state.whole.supports.tables else 0.0
     return state.run.time >= (1.0 - _ROUND_OFF) * arrival
 
 

@@ -63,11 +63,11 @@ def contact_measures(state: State) -> ContactMeasures:
     Facets that a search found are those of the finer of two surfaces; for either block as many
     could meet a neighbour as cover its contact faces.
     """
-    if not state.deformable.meets:
+    if not state.whole.meets:
         raise NoContactError(
             "contact: got single bodies, which have no contact; expected blocks that meet"
         )
-    assembly, contact = state.deformable.assembly, state.contact_state
+    assembly, contact = state.whole.assembly, state.contact_state
     blocks, areas = assembly.free_blocks, assembly.eligible_areas()
     m, s = (assembly.originals[b] for b in (contact.block_m, contact.block_s))
     per_block = block_measures(blocks, m, s, contact.pressures, contact.areas)
@@ -111,7 +111,7 @@ def cap_action(state: State) -> CapAction | None:
 
     None for a law without one, and where pairs of blocks have laws of their own.
     """
-    law, contact = state.deformable.contact.law, state.contact_state
+    law, contact = state.whole.contact.law, state.contact_state
     if not (isinstance(law, ExponentialLaw) and np.isfinite(law.maximum_stiffness)):
         return None
     force = contact.point_areas * contact.point_pressures
@@ -136,7 +136,7 @@ def largest_pressure(state: State) -> Peak | None:
     At corners of matched facets, on a grid of those of higher degree, where their integration
     points resolve it; else, and where a search found facets, at an integration point.
     """
-    whole, contact = state.deformable, state.contact_state
+    whole, contact = state.whole, state.contact_state
     if not contact.n_facets:
         return None
     result = _matched_peaks(state)
@@ -158,18 +158,18 @@ def _matched_peaks(state: State) -> FacetPeaks | None:
     looks = contact.corner_overclosures
     if looks is None:
         return None
-    law = state.deformable.contact.law.on(contact.block_m, contact.block_s)
+    law = state.whole.contact.law.on(contact.block_m, contact.block_s)
     return facet_peaks(law, looks, contact.point_overclosures.reshape(len(looks), -1))
 
 
-def _place_of_peak(deformable: System, found: FacetPeaks, facet: int) -> FloatArray:
+def _place_of_peak(system: System, found: FacetPeaks, facet: int) -> FloatArray:
     """Where the largest pressure of a facet is, before the load acts, (3,) [mm]."""
-    surfaces = deformable.surfaces
+    surfaces = system.surfaces
     block, basis = int(surfaces.block_m[facet]), surfaces.basis
-    nodes = deformable.assembly.nodes(block)[surfaces.quads_m[facet]]
+    nodes = system.assembly.nodes(block)[surfaces.quads_m[facet]]
     at_edge = bool(found.resolved[facet])
     functions = basis.looks[found.look[facet]] if at_edge else basis.values[found.point[facet]]
-    where: FloatArray = functions @ nodes + deformable.offsets[block]
+    where: FloatArray = functions @ nodes + system.offsets[block]
     return where
 
 
@@ -181,7 +181,7 @@ def pressure_between_nodes(state: State) -> float:
     miss (d/ℓ)² of a peak, of that part of it that is no uniform pressure; `_OF_A_PEAK` times that
     is the estimate, which counts up to `_MOST_OF_A_PEAK`. Zero where a search found the facets.
     """
-    whole, contact, found = state.deformable, state.contact_state, _matched_peaks(state)
+    whole, contact, found = state.whole, state.contact_state, _matched_peaks(state)
     if found is None or not contact.n_facets:
         return 0.0
     facet = first_largest(found.values)
@@ -189,7 +189,7 @@ def pressure_between_nodes(state: State) -> float:
     looks = contact.corner_overclosures[facet]
     pair = int(contact.block_m[facet]), int(contact.block_s[facet])
     of_pair = whole.contact.law.on(contact.block_m, contact.block_s).one(facet)
-    materials = [whole.body_of(b).material for b in pair if whole.group_of[b] >= 0]
+    materials = [whole.body_of(b).material for b in pair if whole.body_number[b] >= 0]
     gives = sum((1.0 - m.poisson_ratio**2) / m.young_modulus for m in materials)
     length = 1.0 / (gives * float(of_pair.stiffness(looks.max())))
     distance = _node_distance(whole, found, facet) / length
@@ -197,15 +197,15 @@ def pressure_between_nodes(state: State) -> float:
     return min(_OF_A_PEAK * distance**2, _MOST_OF_A_PEAK) * max(steep, 0.0)
 
 
-def _node_distance(deformable: System, found: FacetPeaks, facet: int) -> float:
+def _node_distance(system: System, found: FacetPeaks, facet: int) -> float:
     """Largest distance of neighbouring nodes at the peak of a facet [mm]."""
-    surfaces = deformable.surfaces
+    surfaces = system.surfaces
     block = int(surfaces.block_m[facet])
-    nodes = deformable.assembly.nodes(block)[surfaces.quads_m[facet]]
+    nodes = system.assembly.nodes(block)[surfaces.quads_m[facet]]
     n = math.isqrt(len(nodes))
     if n == 2:  # corners go round
         nodes = nodes[[0, 3, 1, 2]]
-    where = _place_of_peak(deformable, found, facet) - deformable.offsets[block]
+    where = _place_of_peak(system, found, facet) - system.offsets[block]
     nearest = int(np.linalg.norm(nodes - where, axis=1).argmin())
     grid = nodes.reshape(n, n, 3)
     largest = 0.0

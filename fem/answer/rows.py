@@ -39,7 +39,7 @@ def state_rows(answer: Answer, facets: tuple[Assembly, FloatArray] | None = None
     ``facets`` are those of another mesh over which pressures are averaged, as in `answer_of`.
     """
     state: State = answer.details
-    system, run = state.deformable, state.run
+    system, run = state.whole, state.run
     named = any(map(has_faces, system.assembly.shapes))  # blocks of files and masonry have none
     measures = {name: m for name, m in answer.measures.items() if name not in PAPER}
     first = {name: m for name, m in measures.items() if name in _FIRST and m.is_number}
@@ -76,7 +76,7 @@ def _verdict_rows(state: State) -> list[Row]:
     if share is not None:
         turns = turns_as_small(state)
         small = {
-            "effects.finite_sliding = true": not state.deformable.contact.finite_sliding,
+            "effects.finite_sliding = true": not state.whole.contact.finite_sliding,
             "effects.finite_rotation = true": turns,
             'fem.method = "explicit"': turns and state.run is None,
         }
@@ -226,7 +226,7 @@ def _rate_rows(run: Run) -> list[Row]:
 
 def _model_rows(answer: Answer) -> list[Row]:
     """What is taken for granted, elements and their number."""
-    system = answer.details.deformable
+    system = answer.details.whole
     count = len(system.deformable_blocks)
     return [
         Row("assumptions", "; ".join(answer.report["assumptions"])),

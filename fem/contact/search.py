@@ -61,7 +61,7 @@ class BlockSurface:
     group: int
     """Group of the model; -1 for a rigid block."""
     copy: int
-    """Copy of that group that moves as it does; 0 for a rigid block."""
+    """Copy of that body that moves as it does; 0 for a rigid block."""
     rotation: FloatArray
     """Placement, (3, 3)."""
     nodes: IntArray
@@ -112,7 +112,7 @@ class FacingPoints:
         Parameters
         ----------
         surfaces
-            Of all blocks; those of one group follow each other.
+            Of all blocks; those of one body follow each other.
         reach
             Distance below which contact acts [mm].
         slight
@@ -209,12 +209,12 @@ class FacingPoints:
         return ends[which] + half * (xi + 1.0), half.prod(axis=1)
 
     def displace(self, displacements: tuple[FloatArray, ...]) -> None:
-        """Place the surfaces at displacements of each group, world axes; none of a sector.
+        """Place the surfaces at displacements of each body, world axes; none of a sector.
 
         Parameters
         ----------
         displacements
-            (n_copies, n_nodes, 3) [mm] for each group.
+            (n_copies, n_nodes, 3) [mm] for each body.
         """
         for first, surface in zip(self.node_start, self.surfaces, strict=False):
             where = slice(int(first), int(first) + len(surface.nodes))

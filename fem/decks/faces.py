@@ -118,7 +118,7 @@ def contact_patches(deck: Deck) -> Patches:
     held = ~deck.problem.deforming
     key = np.column_stack([result.block_m, result.block_s, of[at_m], of[at_s]])
     keep = np.flatnonzero(~(held[result.block_m] & held[result.block_s]))
-    groups, which = np.unique(key[keep], axis=0, return_inverse=True)
+    bodies, which = np.unique(key[keep], axis=0, return_inverse=True)
     known: list[dict[tuple[str, bytes], Patch]] = [{} for _ in assembly.shapes]
 
     def named(block: int, face: int, positions: IntArray) -> str:
@@ -132,7 +132,7 @@ def contact_patches(deck: Deck) -> Patches:
         return known[number].setdefault((name, positions.tobytes()), patch).label
 
     pairs = []
-    for number, (m, s, f_m, f_s) in enumerate(groups.tolist()):
+    for number, (m, s, f_m, f_s) in enumerate(bodies.tolist()):
         mine = keep[which.ravel() == number]
         patch_m = named(m, f_m, np.sort(place[at_m[mine]]))
         pairs.append(PatchPair(m, patch_m, s, named(s, f_s, np.sort(place[at_s[mine]]))))

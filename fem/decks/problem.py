@@ -308,7 +308,7 @@ _CALCULIX_SHARE = 0.25
 def _with_time_step(deck: Deck, run: Explicit) -> Explicit:
     """Choose the time step of an explicit run of CalculiX: it takes the one that a deck states."""
     effects = replace(deck.effects, finite_rotation=deck.problem.finite_rotation)
-    longest = critical_time_step(deck.problem.deformable.bodies, effects).critical_time_step
+    longest = critical_time_step(deck.problem.system.bodies, effects).critical_time_step
     share = min(run.safety_factor, _CALCULIX_SHARE)
     count = np.ceil(deck.end_time / (share * longest))
     return replace(run, time_step=deck.end_time / float(count))

@@ -1,4 +1,4 @@
-"""The model as the explicit loop wants it: constant arrays of one group, copies in lanes.
+"""The model as the explicit loop wants it: constant arrays of one body, copies in lanes.
 
 Displacements, velocities and forces of the loop are components in the *placement frame* of
 each copy (the axes of the reference block, turned by its placement), so congruent copies
@@ -65,9 +65,9 @@ class ElementViscosity:
     """8 · element + corner for every corner at a row, (8 n_elements,)."""
 
 
-def element_viscosity(group: Body, row: IntArray, coefficients: BulkViscosity) -> ElementViscosity:
+def element_viscosity(body: Body, row: IntArray, coefficients: BulkViscosity) -> ElementViscosity:
     """Gather gradients and coefficients of a reference block; ``row`` is that of each mesh node."""
-    mesh, material = group.mesh, group.material
+    mesh, material = body.mesh, body.material
     mean, volume = mean_gradients(*gauss_gradients(mesh.nodes[mesh.elements]))
     length = characteristic_length(mesh.nodes[mesh.elements])
     b1, b2 = coefficients.linear_bulk_viscosity, coefficients.quadratic_bulk_viscosity
@@ -116,7 +116,7 @@ class BodyLoad:
 
 @dataclass(frozen=True)
 class HeldLanes:
-    """Prescribed displacement components of one group: `fem.system.held.Held` in lanes.
+    """Prescribed displacement components of one body: `fem.system.held.Held` in lanes.
 
     Those along the axes of the placement frame that stay zero are ``still``; all others move or lie
     across these axes.
@@ -165,7 +165,7 @@ class LaneBody:
     n_applied: int
     """Rows of the applied force."""
     loads: tuple[BodyLoad, ...]
-    """Loads on this group."""
+    """Loads on this body."""
     held: HeldLanes | None
     """Prescribed components; None: none."""
     acceleration: LaneArray | None
@@ -223,30 +223,30 @@ def make_body(stated: TimedSystem, number: int, touched_nodes: IntArray | None) 
 
     ``touched_nodes`` are further nodes on which forces will be applied (contact); None: none.
     """
-    group, effects = stated.bodies[number], stated.effects
-    lanes = padded_lanes(group.n_copies)
-    rows = block_rows(group.stiffness, lanes=lanes)
+    body, effects = stated.bodies[number], stated.effects
+    lanes = padded_lanes(body.n_copies)
+    rows = block_rows(body.stiffness, lanes=lanes)
     rows_of = [(load, *load.on(stated.starts(number))) for load in stated.system.whole.forces]
     loads = [of for of in rows_of if len(of[1])]
     more = np.empty(0, np.int64) if touched_nodes is None else touched_nodes
-    touched = np.unique(np.concatenate([more, *(row % group.n_nodes for _, row, _ in loads)]))
+    touched = np.unique(np.concatenate([more, *(row % body.n_nodes for _, row, _ in loads)]))
     applied = _applied_rows(rows, touched)
-    centroid = group.lumped_mass @ group.mesh.nodes / group.lumped_mass.sum()
-    hourglass = group.hourglass_stiffness
+    centroid = body.lumped_mass @ body.mesh.nodes / body.lumped_mass.sum()
+    hourglass = body.hourglass_stiffness
     viscosity = effects.bulk_viscosity
     return LaneBody(
-        group=group,
+        group=body,
         rows=rows,
         hourglass=None if hourglass is None else block_rows(hourglass, lanes=lanes),
         lanes=lanes,
-        mass=group.lumped_mass[rows.order],
-        reference=group.mesh.nodes[rows.order] - centroid,
+        mass=body.lumped_mass[rows.order],
+        reference=body.mesh.nodes[rows.order] - centroid,
         applied_row=applied if len(touched) else None,
         n_applied=len(touched),
-        loads=tuple(_body_load(group, rows, applied, lanes, of) for of in loads),
+        loads=tuple(_body_load(body, rows, applied, lanes, of) for of in loads),
         held=_held_lanes(stated, number, rows, lanes),
-        acceleration=_lane_gravity(group, effects.gravity, lanes),
-        viscosity=None if viscosity is None else element_viscosity(group, rows.row, viscosity),
+        acceleration=_lane_gravity(body, effects.gravity, lanes),
+        viscosity=None if viscosity is None else element_viscosity(body, rows.row, viscosity),
     )
 
 
@@ -263,7 +263,7 @@ def _components(base: IntArray, lanes: int) -> IntArray:
 
 
 def _body_load(
-    group: Body,
+    body: Body,
     rows: BlockRows,
     applied: npt.NDArray[np.int32],
     lanes: int,
@@ -271,7 +271,7 @@ def _body_load(
 ) -> BodyLoad:
     """``of``: a load, its nodes in the loop and the forces on them."""
     load, numbers, force = of
-    copies, nodes = np.divmod(numbers, group.n_nodes)
+    copies, nodes = np.divmod(numbers, body.n_nodes)
     row = rows.row[nodes]
     # Rows of the applied force have the order of the rows: both sort the entries alike.
     velocity, order = runs(_components(row * 3 * lanes + copies, lanes))
@@ -285,24 +285,24 @@ def _body_load(
     )
 
 
-def _lane_gravity(group: Body, gravity: FloatArray | None, lanes: int) -> LaneArray | None:
+def _lane_gravity(body: Body, gravity: FloatArray | None, lanes: int) -> LaneArray | None:
     if gravity is None:
         return None
     local = np.zeros((3, lanes))
-    local[:, : group.n_copies] = np.einsum("cij,i->jc", group.rotations, gravity)
+    local[:, : body.n_copies] = np.einsum("cij,i->jc", body.rotations, gravity)
     return local
 
 
 def _held_lanes(stated: TimedSystem, number: int, rows: BlockRows, lanes: int) -> HeldLanes | None:
     """Supports of one body; None: none."""
-    group, held = stated.bodies[number], stated.system.whole.supports.on(stated.starts(number))
+    body, held = stated.bodies[number], stated.system.whole.supports.on(stated.starts(number))
     node, axis = np.nonzero(held.held)
     if not len(node):
         return None
-    copies, nodes = np.divmod(held.nodes[node], group.n_nodes)
+    copies, nodes = np.divmod(held.nodes[node], body.n_nodes)
     direction = held.axes[node, :, axis]
     ways = np.einsum("nti,ni->nt", held.ways[node], direction)
-    base, mass = rows.row[nodes] * (3 * lanes) + copies, group.lumped_mass[nodes]
+    base, mass = rows.row[nodes] * (3 * lanes) + copies, body.lumped_mass[nodes]
     along = np.abs(direction)
     still = (along.max(axis=1) == 1.0) & ~ways.any(axis=1)
     positions, order = runs((base + lanes * along.argmax(axis=1))[still])

@@ -147,7 +147,7 @@ def settling(loop: Loop) -> float | None:
 
 
 def forces_of_supports(loop: Loop, time: float) -> tuple[FloatArray, ...]:
-    """Unbalanced forces at a time [s], world axes, (n_copies, n_nodes, 3) [N] of each group.
+    """Unbalanced forces at a time [s], world axes, (n_copies, n_nodes, 3) [N] of each body.
 
     Of the forces that the state holds. Along what a support holds they are those of the support,
     but for the inertia of the held nodes themselves.

@@ -98,7 +98,7 @@ class Frame:
     groups: tuple[Body, ...]
     """Congruent blocks with their mesh, all copies."""
     displacements: tuple[FloatArray, ...]
-    """Of each group, (n_copies, n_nodes, 3) [mm]."""
+    """Of each body, (n_copies, n_nodes, 3) [mm]."""
     last: bool = False
     """Whether the run ended here."""
     restart: int = 0
@@ -300,8 +300,8 @@ class _Course:
         moved = stated.expand(displacements_of(loop))
         # The end comes after all that were due before, where it lies between two of them.
         number = self.frame_number(loop.step - 1) + 1 if ended else self.frame_number(loop.step)
-        groups, again = stated.system.whole.bodies, self.restarts
-        self.output.on_frame(Frame(number, loop.time, groups, moved, last=ended, restart=again))
+        bodies, again = stated.system.whole.bodies, self.restarts
+        self.output.on_frame(Frame(number, loop.time, bodies, moved, last=ended, restart=again))
 
     def checkpoint(self, *, force: bool) -> None:
         """Write the checkpoint when it is time."""
@@ -315,7 +315,7 @@ class _Course:
 
 
 def displacements_of(loop: Loop) -> tuple[FloatArray, ...]:
-    """Displacements of each group in world axes, (n_copies, n_nodes, 3) [mm]."""
+    """Displacements of each body in world axes, (n_copies, n_nodes, 3) [mm]."""
     return tuple(world_vectors(body, body.now.displacement) for body in loop.bodies)
 
 
@@ -333,14 +333,14 @@ def _refuse_imbalance(result: Run, displacements: tuple[FloatArray, ...]) -> Non
         )
 
 
-def _round_off_energy(groups: tuple[Body, ...], displacements: tuple[FloatArray, ...]) -> float:
+def _round_off_energy(bodies: tuple[Body, ...], displacements: tuple[FloatArray, ...]) -> float:
     """Strain energy of the round-off of all positions [N mm]: what turns over less is no energy."""
     total = 0.0
-    for group, moved in zip(groups, displacements, strict=True):
-        reach = np.abs(group.reference_positions()).max() + np.abs(moved).max(initial=0.0)
+    for body, moved in zip(bodies, displacements, strict=True):
+        reach = np.abs(body.reference_positions()).max() + np.abs(moved).max(initial=0.0)
         error = _ROUND_OFF * np.finfo(np.float64).eps * reach
-        stiffest = float(np.abs(group.stiffness.diagonal()).max())
-        total += stiffest * group.n_nodes * group.n_copies * error**2
+        stiffest = float(np.abs(body.stiffness.diagonal()).max())
+        total += stiffest * body.n_nodes * body.n_copies * error**2
     return total
 
 

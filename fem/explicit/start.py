@@ -126,7 +126,7 @@ def initial_body_state(
     displacement: FloatArray | None = None,
     velocity: FloatArray | None = None,
 ) -> BodyState:
-    """State of one group at time 0, before the first force; effects say which arrays are needed.
+    """State of one body at time 0, before the first force; effects say which arrays are needed.
 
     Displacement and velocity are world components, (n_copies, n_nodes, 3) [mm], [mm/s]; None: zero.
     """

@@ -116,7 +116,7 @@ class BlockFrame:
 
 @dataclass
 class BodyState:
-    """Arrays of one group, placement frame, (n_rows, 3, lanes)."""
+    """Arrays of one body, placement frame, (n_rows, 3, lanes)."""
 
     displacement: LaneArray
     """At the time of the state [mm]."""

@@ -188,9 +188,9 @@ def _areas_of_facets(system: Sector) -> tuple[FloatArray, ...]:
     moving = (system.slot_of[sides] >= 0).sum(axis=0)
     each = np.einsum("f,fp,fpa->fa", moving, points.weights, np.abs(points.functions))
     total: FloatArray = np.bincount(points.rows.ravel(), each.ravel(), system.n_nodes + 1)
-    areas = tuple(np.zeros(group.n_nodes) for group in system.whole.bodies)
+    areas = tuple(np.zeros(body.n_nodes) for body in system.whole.bodies)
     for block in system.whole.deformable_blocks.tolist():
-        largest = areas[system.whole.group_of[block]]
+        largest = areas[system.whole.body_number[block]]
         np.maximum(largest, total[system.rows[block, : len(largest)]], out=largest)
     return areas
 

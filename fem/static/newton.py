@@ -83,7 +83,7 @@ _LONG, _FAR = 8, 1.0
 _ALONG, _SOFTENED = 0.99, 4
 
 
-class Point(NamedTuple):
+class PathPoint(NamedTuple):
     """One point of a path."""
 
     factor: float = 1.0
@@ -142,7 +142,7 @@ class Iterate:
     """Overclosures and slips at which the law is linearised, as `Gaps.x` [mm]."""
     slid: Slid
     holding: Holding
-    point: Point
+    point: PathPoint
     residuals: tuple[float, ...] = ()
     converged: bool = False
 
@@ -172,7 +172,7 @@ def start_iterate(
         first *= _EXACT_HOLDING if exact else _RESCUE_HOLDING
     slid, holding = Slid(np.zeros_like(at[..., 1:])), Holding(first, first, coarse=coarse)
     force = np.zeros_like(displacement)
-    return Iterate(displacement, force, gaps, at, slid, holding, Point())
+    return Iterate(displacement, force, gaps, at, slid, holding, PathPoint())
 
 
 def first_holding(system: Sector, overclosure: FloatArray) -> float:

@@ -18,7 +18,7 @@ from fem.state import Evidence, State
 from fem.static.linear_step.linearisation import StaticError
 from fem.static.newton import (
     Iterate,
-    Point,
+    PathPoint,
     Slid,
     bounded,
     frictions,
@@ -57,7 +57,7 @@ _SHORTER = 0.9
 _MAX_TRIES = 2
 #: Holding springs where a state is known, relative to the first ones.
 _SOON_HELD = 1e-3
-#: Load factors, and displacements of each group there, (n_copies, n_nodes, 3) [mm].
+#: Load factors, and displacements of each body there, (n_copies, n_nodes, 3) [mm].
 Known = Sequence[tuple[float, tuple[FloatArray, ...]]]
 
 
@@ -67,7 +67,7 @@ class _Place:
 
     problem: StaticProblem
     iterate: Iterate
-    since: Point | None = None
+    since: PathPoint | None = None
     """The same point of the path; None: the next step goes on from no other."""
     rate: FloatArray | None = None
     """Displacements by load or time of the step before, (n_nodes, 3)."""
@@ -97,7 +97,7 @@ class _Place:
 def follow(
     problem: StaticProblem,
     state: Iterate,
-    path: Sequence[Point],
+    path: Sequence[PathPoint],
     *,
     stages: Sequence[Sector] = (),
     known: Known = (),
@@ -133,7 +133,7 @@ def follow(
         A point of several stages has no equilibrium.
     """
     found, ahead = list[State](), list(path[::-1])
-    place = _Place(problem, state, None if state.displacement.any() else Point(0.0))
+    place = _Place(problem, state, None if state.displacement.any() else PathPoint(0.0))
     while ahead and place.usable:
         aim = ahead.pop()
         if aim.stage > place.iterate.point.stage:
@@ -168,17 +168,17 @@ def _entered(place: _Place, last: State, stage: Sector, number: int) -> _Place:
     changed = replace(stage, begin=(last.displacement, system.loads[-1]))
     problem = place.problem.on(changed.on(system.points))
     start = start_iterate(problem.system, problem.step.kept(last.displacement))
-    point = Point(0.0, 0.0, number)
+    point = PathPoint(0.0, 0.0, number)
     start = replace(start, slid=before.slid, point=point, residuals=before.residuals)
     return _Place(problem, start)
 
 
-def _middle(begin: Point, aim: Point, shortest: float) -> Point | None:
+def _middle(begin: PathPoint, aim: PathPoint, shortest: float) -> PathPoint | None:
     """Where a step of a motion is cut; None: no further, or it is none."""
     time = 0.5 * ((begin.time or 0.0) + (aim.time or 0.0))
     if not aim.time or time - (begin.time or 0.0) < shortest:
         return None
-    return Point(0.5 * (begin.factor + aim.factor), time, aim.stage)
+    return PathPoint(0.5 * (begin.factor + aim.factor), time, aim.stage)
 
 
 def _with_tried(before: tuple[float, ...], after: tuple[float, ...]) -> tuple[float, ...]:
@@ -187,7 +187,7 @@ def _with_tried(before: tuple[float, ...], after: tuple[float, ...]) -> tuple[fl
 
 
 def _step(
-    place: _Place, aim: Point, known: Known, search: PointSearch | None, *, may_fail: bool
+    place: _Place, aim: PathPoint, known: Known, search: PointSearch | None, *, may_fail: bool
 ) -> _Place:
     """Take one step; one that fails leads to no equilibrium.
 
@@ -217,7 +217,7 @@ def _step(
 
 
 def _guess(
-    problem: StaticProblem, state: Iterate, aim: Point, way: FloatArray | None, known: Known
+    problem: StaticProblem, state: Iterate, aim: PathPoint, way: FloatArray | None, known: Known
 ) -> Iterate:
     """Where the iteration to the next point begins: a known state, or a ``way`` [mm] further on."""
     holding = state.holding
@@ -277,7 +277,7 @@ def load_factors(parts: int, *, friction: bool) -> tuple[float, ...]:
     return tuple((k / parts) ** power for k in range(1, parts + 1))
 
 
-def points_of(stages: Sequence[Sector], options: StaticOptions) -> list[Point]:
+def points_of(stages: Sequence[Sector], options: StaticOptions) -> list[PathPoint]:
     """Points of a path: the load first, then motions of supports; of several stages both at once.
 
     Without supports that move a single stage has no time. In a stage forces and prescribed
@@ -288,7 +288,7 @@ def points_of(stages: Sequence[Sector], options: StaticOptions) -> list[Point]:
     if before:
         act = [bool(stage.loads[-1].any()) for stage in stages]
         return [
-            Point(share, share, number)
+            PathPoint(share, share, number)
             for number, stage in enumerate(stages)
             for share in load_factors(
                 parts
@@ -300,12 +300,12 @@ def points_of(stages: Sequence[Sector], options: StaticOptions) -> list[Point]:
     moving = system.held.tables
     requested = load_factors(parts, friction=system.has_friction)
     if not moving or steps is None:
-        return [Point(factor) for factor in requested]
+        return [PathPoint(factor) for factor in requested]
     tables = [np.array(share.times) for share in moving if isinstance(share, TabularAmplitude)]
     end = max((float(times[-1]) for times in tables), default=1.0)
     times = np.unique(np.concatenate([end * np.arange(1, steps + 1) / steps, *tables]))
-    loads = [Point(factor, 0.0) for factor in requested] if system.loads[-1].any() else []
-    return [*loads, *(Point(1.0, time) for time in times[times > 0.0].tolist())]
+    loads = [PathPoint(factor, 0.0) for factor in requested] if system.loads[-1].any() else []
+    return [*loads, *(PathPoint(1.0, time) for time in times[times > 0.0].tolist())]
 
 
 @dataclass

@@ -146,14 +146,14 @@ def problem_of(
     return StaticProblem(system, options, store, step, system.law)
 
 
-def structured_blocks(deformable: System, options: StaticOptions) -> tuple[GridBlock, ...] | None:
+def structured_blocks(system: System, options: StaticOptions) -> tuple[GridBlock, ...] | None:
     """Structured blocks, where these are solved in the forces of their contact points."""
-    curved = any(group.element.degree > 1 for group in deformable.bodies)
+    curved = any(body.element.degree > 1 for body in system.bodies)
     if options.method is StaticMethod.SPARSE or not curved:
         return None
     from fem.static.linear_step.grid import grid_blocks
 
-    return grid_blocks(deformable)
+    return grid_blocks(system)
 
 
 def _most_held(system: Sector) -> int:

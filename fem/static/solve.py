@@ -20,7 +20,7 @@ import numpy as np
 from fem.state import State
 from fem.static.linear_step.condensation import FlexibilityStore
 from fem.static.linear_step.linearisation import StaticError
-from fem.static.newton import Iterate, Point, require_near, start_iterate
+from fem.static.newton import Iterate, PathPoint, require_near, start_iterate
 from fem.static.path import ElasticSlips, Known, PointSearch, follow, points_of
 from fem.static.problem import (
     StaticMethod,
@@ -195,7 +195,7 @@ def _followed(
         first = _sector(stages[0], options)
     problem, begin, search = _beginning(first, options, store, start)
     if several:
-        begin = replace(begin, point=Point(0.0, 0.0))
+        begin = replace(begin, point=PathPoint(0.0, 0.0))
     ready = time.process_time()
     path = points_of(several or [first], options)
     found = follow(problem, begin, path, stages=several, known=known, search=search)
@@ -256,9 +256,9 @@ def _with_evidence(
         path=tuple(path),
     )
     state = replace(last, evidence=evidence)
-    if state.deformable.contact.friction is None:
+    if state.whole.contact.friction is None:
         at_points = state.displacements, state.pressures, state.points
-        loose = loose_blocks(state.deformable, *at_points, state.system.orbits.representative)
+        loose = loose_blocks(state.whole, *at_points, state.system.orbits.representative)
         evidence.loose_blocks = read_only(loose)
     evidence.status = _status(state, options)
     return state
@@ -285,7 +285,7 @@ def _beginning(
 
 
 def _localised(system: Sector, start: tuple[FloatArray, ...]) -> FloatArray:
-    """Displacements of each group on the representatives, in block frames; (n_nodes, 3) [mm]."""
+    """Displacements of each body on the representatives, in block frames; (n_nodes, 3) [mm]."""
     expected = [(g.n_copies, g.n_nodes, 3) for g in system.whole.bodies]
     if [u.shape for u in start] != expected:
         raise StaticError(
@@ -323,7 +323,7 @@ def _sector(system: System, options: StaticOptions) -> Sector:
 def _ways(state: State) -> str:
     """How far supports have moved."""
     at = {state.time or 0.0: 0.0}
-    curves = [moving.curve(at) for moving in moving_supports(state.deformable)]
+    curves = [moving.curve(at) for moving in moving_supports(state.whole)]
     return ", ".join(f"{curve.name} by {curve.displacements[-1]:.4g} mm" for curve in curves)
 
 
@@ -338,7 +338,7 @@ def _status(state: State, options: StaticOptions) -> str:
             f"equilibrium while supports moved until {state.time:.4g} s of their tables "
             f"({_ways(state)}); none was found at {evidence.stopped:.4g} s{unheld}"
         )
-    if state.converged and not state.deformable.meets:
+    if state.converged and not state.whole.meets:
         return f"equilibrium of single bodies, residual {residual:.1e}"
     if state.converged:
         undetermined = ": their place is not determined" if len(loose) else ""

@@ -370,7 +370,7 @@ def one_of_each_cube(points: FloatArray, spacing: float) -> IntArray:
 
 
 def means_at_elements(
-    group: Body, stress: FloatArray, radius: float
+    body: Body, stress: FloatArray, radius: float
 ) -> tuple[FloatArray, FloatArray]:
     """Means over balls around centres of elements of degree 1.
 
@@ -379,7 +379,7 @@ def means_at_elements(
 
     Parameters
     ----------
-    group
+    body
         The block.
     stress
         At its integration points, (n_copies, n_points, 6) [MPa].
@@ -393,7 +393,7 @@ def means_at_elements(
     FloatArray
         (n_copies, n_balls, 6) [MPa]
     """
-    mesh, points = group.mesh, integration_points(group.mesh, group.element)
+    mesh, points = body.mesh, integration_points(body.mesh, body.element)
     each = len(points) // mesh.n_elements
     volumes = point_volumes(mesh.nodes[mesh.elements])
     sizes = volumes.sum(axis=1)

@@ -74,7 +74,7 @@ class StressPeaks:
 @once
 def stress_peaks(state: State) -> StressPeaks:
     """Sample the stresses inside all elements; balls have the radius that each material states."""
-    result = [_group_peaks(state.deformable, *moved) for moved in _moved_blocks(state)]
+    result = [_group_peaks(state.whole, *moved) for moved in _moved_blocks(state)]
     averaged = result[first_largest(np.array([f.sigma_1_averaged.value for f in result]))]
     return StressPeaks(
         sigma_1=_largest([f.sigma_1 for f in result]),
@@ -100,13 +100,13 @@ def _moved_blocks(state: State) -> Iterator[tuple[Body, IntArray, FloatArray]]:
     Displacements are (n, n_nodes, 3) [mm]. Static states are searched in the blocks that are
     computed, explicit ones in all.
     """
-    whole = state.deformable
+    whole = state.whole
     chosen = whole.deformable_blocks
     if state.run is None:
         chosen = np.unique(state.system.orbits.representative[chosen])
     for number, (body, u) in enumerate(zip(whole.bodies, state.displacements, strict=True)):
         local, _ = block_displacements(body, u, finite_rotation=state.finite_rotation)
-        blocks = chosen[whole.group_of[chosen] == number]
+        blocks = chosen[whole.body_number[chosen] == number]
         yield body, blocks, local[whole.copy_of[blocks]]
 
 
@@ -115,20 +115,18 @@ def _largest(peaks: list[Peak], sign: float = 1.0) -> Peak:
     return replace(peaks[first_largest(values)], value=sign * float(values.max()))
 
 
-def _group_peaks(
-    deformable: System, group: Body, blocks: IntArray, local: FloatArray
-) -> StressPeaks:
-    """Of blocks of one group, from displacements in their frames (n_blocks, n_nodes, 3) [mm]."""
-    radius = group.material.averaging_radius
-    linear, stress = group.element.degree == 1, group.point_stress(local)
-    points = integration_points(group.mesh, group.element)
-    per_element = len(points) // group.mesh.n_elements
+def _group_peaks(system: System, body: Body, blocks: IntArray, local: FloatArray) -> StressPeaks:
+    """Of blocks of one body, from displacements in their frames (n_blocks, n_nodes, 3) [mm]."""
+    radius = body.material.averaging_radius
+    linear, stress = body.element.degree == 1, body.point_stress(local)
+    points = integration_points(body.mesh, body.element)
+    per_element = len(points) // body.mesh.n_elements
 
     def placed(value: float, copy: int, where: FloatArray, element: int | None = None) -> Peak:
         block, face = int(blocks[copy]), None
         if element is not None:
-            face = _element_face(deformable, block, element, where)
-        world = deformable.assembly.place(block, where[None])[0] + deformable.offsets[block]
+            face = _element_face(system, block, element, where)
+        world = system.assembly.place(block, where[None])[0] + system.offsets[block]
         return Peak(value, (block,), world, face)
 
     def peak(values: FloatArray, at: FloatArray, sign: float = 1.0) -> Peak:
@@ -140,11 +138,11 @@ def _group_peaks(
     third = peak(largest_tension(-stress), points, -1.0)
     mises = peak(np.sqrt(3.0 * invariants(stress)[1]), points)
     if linear:
-        centres, means = means_at_elements(group, stress, radius)
+        centres, means = means_at_elements(body, stress, radius)
         averaged = peak(largest_tension(means), centres)
-        at_corners = _corner_extremes(group, stress)
+        at_corners = _corner_extremes(body, stress)
     else:  # points hide nothing towards corners, where polynomials overshoot
-        of_ball, at_cells = averaged_tension(moved_bodies(group, local), radius)
+        of_ball, at_cells = averaged_tension(moved_bodies(body, local), radius)
         averaged = placed(of_ball.value, of_ball.layer - 1, of_ball.position)
         if first.value < averaged.value:  # of a large element they are far from its ends
             first = placed(at_cells.value, at_cells.layer - 1, at_cells.position)
@@ -152,12 +150,12 @@ def _group_peaks(
     return StressPeaks(first, third, mises, averaged, radius, *at_corners)
 
 
-def _corner_extremes(group: Body, stress: FloatArray) -> tuple[float, float, float]:
+def _corner_extremes(body: Body, stress: FloatArray) -> tuple[float, float, float]:
     """Largest σ₁, least σ₃ and largest von Mises stress at corners of elements.
 
     Of those elements that hold half of the extreme inside.
     """
-    stress = stress.reshape(-1, len(group.element.points), 6)
+    stress = stress.reshape(-1, len(body.element.points), 6)
     values = principal_stress(stress)
     first, third = values[:, :, 0].max(axis=1), values[:, :, 2].min(axis=1)
     mises = von_mises(values).max(axis=1)
@@ -178,9 +176,9 @@ def _corner_extremes(group: Body, stress: FloatArray) -> tuple[float, float, flo
 # Places
 
 
-def _element_face(deformable: System, block: int, element: int, at: FloatArray) -> str | None:
+def _element_face(system: System, block: int, element: int, at: FloatArray) -> str | None:
     """Named face nearest to a point among those that its element lies on."""
-    shape = deformable.assembly.shape(block)
+    shape = system.assembly.shape(block)
     own = np.sort(shape.mesh.elements[element][HEX_FACES], axis=1)
     best: tuple[float, str | None] = (np.inf, None)
     for name, quads in shape.faces.items():
@@ -191,11 +189,11 @@ def _element_face(deformable: System, block: int, element: int, at: FloatArray) 
     return best[1]
 
 
-def nearest_face(deformable: System, block: int, where: FloatArray) -> str | None:
+def nearest_face(system: System, block: int, where: FloatArray) -> str | None:
     """Named face with the facet nearest to a point; contact faces first where two meet."""
-    assembly = deformable.assembly
+    assembly = system.assembly
     shape = assembly.shape(block)
-    nodes = assembly.nodes(block) + deformable.offsets[block]
+    nodes = assembly.nodes(block) + system.offsets[block]
     names = [*shape.contact_faces, *(n for n in shape.faces if n not in shape.contact_faces)]
     distances = {
         name: float(np.linalg.norm(nodes[np.unique(shape.faces[name])] - where, axis=1).min())

@@ -23,7 +23,7 @@ from geometry.mesh import FloatArray, IntArray, ReadOnlyArrays, cross_matrix
 
 @dataclass(frozen=True)
 class Recovered(ReadOnlyArrays):
-    """Stresses of one group."""
+    """Stresses of one body."""
 
     stress: FloatArray
     """At nodes, Voigt order of `fem.element.material`, world axes, (n_copies, n_nodes, 6) [MPa]."""
@@ -39,15 +39,15 @@ class Recovered(ReadOnlyArrays):
         return principal_stress(self.group.point_stress(self.local))
 
 
-def best_turns(group: Body, displacement: FloatArray) -> FloatArray:
+def best_turns(body: Body, displacement: FloatArray) -> FloatArray:
     """R - 1 of each copy, of the rotation that fits its displacement best, (n_copies, 3, 3).
 
     Kabsch's polar fit weighted by mass: R maximises Σ m (x - x̄) · R (X - X̄), from placed blocks to
     moved ones. A step of Newton's method from small numbers gives all digits of small rotations.
     Displacements are in world axes, (n_copies, n_nodes, 3) [mm].
     """
-    share = group.lumped_mass / group.lumped_mass.sum()
-    arms = _arms(group) @ group.rotations.transpose(0, 2, 1)
+    share = body.lumped_mass / body.lumped_mass.sum()
+    arms = _arms(body) @ body.rotations.transpose(0, 2, 1)
     of_shape = np.einsum("n,cni,cnj->cij", share, arms, arms)
     of_moves = np.einsum("n,cni,cnj->cij", share, displacement, arms)
     left, _, right = np.linalg.svd(of_shape + of_moves)
@@ -64,9 +64,9 @@ def best_turns(group: Body, displacement: FloatArray) -> FloatArray:
     return result
 
 
-def _arms(group: Body) -> FloatArray:
+def _arms(body: Body) -> FloatArray:
     """Nodes of the reference block from its centre of mass, (n_nodes, 3) [mm]."""
-    mass, nodes = group.lumped_mass, group.mesh.nodes
+    mass, nodes = body.lumped_mass, body.mesh.nodes
     result: FloatArray = nodes - mass @ nodes / mass.sum()
     return result
 
@@ -81,7 +81,7 @@ def _turn(vectors: FloatArray) -> FloatArray:
 
 
 def block_displacements(
-    group: Body, displacement: FloatArray, *, finite_rotation: bool
+    body: Body, displacement: FloatArray, *, finite_rotation: bool
 ) -> tuple[FloatArray, FloatArray]:
     """Displacements in each block's own frame, and the frames.
 
@@ -92,13 +92,13 @@ def block_displacements(
     FloatArray
         From the reference block's axes to the world's, (n_copies, 3, 3).
     """
-    frames = group.rotations
+    frames = body.rotations
     if not finite_rotation:
         return displacement @ frames, frames
-    turn = best_turns(group, displacement)
-    mean = group.lumped_mass @ displacement / group.lumped_mass.sum()
+    turn = best_turns(body, displacement)
+    mean = body.lumped_mass @ displacement / body.lumped_mass.sum()
     moved = displacement - mean[:, None]
-    back = moved + moved @ turn + _arms(group) @ frames.transpose(0, 2, 1) @ turn
+    back = moved + moved @ turn + _arms(body) @ frames.transpose(0, 2, 1) @ turn
     return back @ frames, frames + turn @ frames
 
 
@@ -116,42 +116,42 @@ class MovedBodies:
     """Of the nodes of every body, (n_bodies, n_nodes, 3) [mm]."""
 
 
-def moved_bodies(group: Body, local: FloatArray) -> MovedBodies:
-    """Copies of a group with elements of a degree above 1.
+def moved_bodies(body: Body, local: FloatArray) -> MovedBodies:
+    """Copies of a body with elements of a degree above 1.
 
     Displacements are those in block frames, (n_copies, n_nodes, 3) [mm].
     """
-    mesh, element = group.mesh, Lagrange(group.mesh.degree)
-    return MovedBodies(element, group.material, mesh.nodes, mesh.connectivity, local)
+    mesh, element = body.mesh, Lagrange(body.mesh.degree)
+    return MovedBodies(element, body.material, mesh.nodes, mesh.connectivity, local)
 
 
-def recover(group: Body, displacement: FloatArray, *, finite_rotation: bool = False) -> Recovered:
-    """Stresses of all copies of a group.
+def recover(body: Body, displacement: FloatArray, *, finite_rotation: bool = False) -> Recovered:
+    """Stresses of all copies of a body.
 
     From displacements in world axes, (n_copies, n_nodes, 3) [mm]; with finite rotation the rigid
     rotation of each block is removed first.
     """
-    local, frames = block_displacements(group, displacement, finite_rotation=finite_rotation)
-    at_nodes = group.nodal_stress(local)
+    local, frames = block_displacements(body, displacement, finite_rotation=finite_rotation)
+    at_nodes = body.nodal_stress(local)
     return Recovered(
         stress=rotate_stress(at_nodes, frames),
         principal=principal_stress(at_nodes),
-        group=group,
+        group=body,
         local=local,
     )
 
 
 @once
 def recovered_of(state: State) -> tuple[Recovered, ...]:
-    """Stresses of each group of congruent blocks at its nodes and integration points."""
-    groups = zip(state.deformable.bodies, state.displacements, strict=True)
-    return tuple(recover(g, u, finite_rotation=state.finite_rotation) for g, u in groups)
+    """Stresses of each body at its nodes and integration points."""
+    bodies = zip(state.whole.bodies, state.displacements, strict=True)
+    return tuple(recover(g, u, finite_rotation=state.finite_rotation) for g, u in bodies)
 
 
 def principal_of(state: State, block: int) -> FloatArray:
     """Principal stresses at the nodes of a block that deforms, (n_nodes, 3) [MPa]."""
-    whole = state.deformable
-    return recovered_of(state)[int(whole.group_of[block])].principal[int(whole.copy_of[block])]
+    whole = state.whole
+    return recovered_of(state)[int(whole.body_number[block])].principal[int(whole.copy_of[block])]
 
 
 @dataclass(frozen=True)

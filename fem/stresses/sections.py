@@ -36,7 +36,7 @@ class _Nodes:
     """Nodes of all blocks of a state, and forces on them."""
 
     def __init__(self, state: State) -> None:
-        self.state, self.whole = state, state.deformable
+        self.state, self.whole = state, state.whole
         assembly, facets = self.whole.assembly, state.contact_state.surfaces
         blocks = range(assembly.n_blocks)
         sizes = [assembly.shape(b).mesh.n_nodes for b in blocks]
@@ -49,7 +49,7 @@ class _Nodes:
         if state.finite_rotation:
             for block in self.whole.deformable_blocks.tolist():
                 self.places[self.of(block)] += state.displacement_of(block)
-        #: Displacements in block frames, and the frames, of each group.
+        #: Displacements in block frames, and the frames, of each body.
         self.local = [
             block_displacements(g, u, finite_rotation=state.finite_rotation)
             for g, u in zip(self.whole.bodies, state.displacements, strict=True)
@@ -69,8 +69,8 @@ class _Nodes:
 
         Springs to the ground are no part of the block.
         """
-        group, copy = int(self.whole.group_of[block]), int(self.whole.copy_of[block])
-        (local, frames), model = self.local[group], self.whole.bodies[group]
+        body, copy = int(self.whole.body_number[block]), int(self.whole.copy_of[block])
+        (local, frames), model = self.local[body], self.whole.bodies[body]
         moved = local[copy][model.mesh.connectivity[some]]
         stiffness = model.element_stiffness(some, springs=False)
         result = np.einsum("eij,ej->ei", stiffness, moved.reshape(len(some), -1))
@@ -96,7 +96,7 @@ def section_forces(state: State, cut: Planes) -> SectionForces:
     SectionError
         A plane that cuts nothing, or a periodic cell.
     """
-    check_planes(state.deformable.assembly, cut, state.deformable.group_of < 0)
+    check_planes(state.whole.assembly, cut, state.whole.body_number < 0)
     nodes = _Nodes(state)
     return section_rows(cut, [_Section(nodes, cut, k).row() for k in range(len(cut.points))])
 
@@ -166,7 +166,7 @@ class _Section:
     def _add_elements(self, block: int) -> None:
         """Count what elements across the plane do to their nodes."""
         whole, nodes = self.all.whole, self.all.of(block)
-        if whole.group_of[block] < 0:
+        if whole.body_number[block] < 0:
             return
         members = whole.body_of(block).mesh.connectivity
         some = np.flatnonzero(np.ptp(self.behind[nodes][members], axis=1) > 0.0)

@@ -1,6 +1,6 @@
 """From an assembly and a load case to deformable blocks in contact.
 
-Congruent blocks are copies of one group with one stiffness. Frame blocks are rigid supports
+Congruent blocks are copies of one body with one stiffness. Frame blocks are rigid supports
 (no degrees of freedom) or deformable blocks held at their outer faces.
 """
 
@@ -55,7 +55,7 @@ _OUTER_FACES = {"first": ("bottom", "z-"), "last": ("top", "z+")}
 
 def touching_surfaces(
     assembly: Assembly,
-    deformable: BoolArray,
+    system: BoolArray,
     offsets: FloatArray,
     clearance: float,
     law: ContactLaw,
@@ -68,7 +68,7 @@ def touching_surfaces(
         Blocks that overlap at the start by more than the law's range.
     """
     surfaces = contact_surfaces(assembly, offsets, clearance=clearance)
-    touching = deformable[surfaces.block_m] | deformable[surfaces.block_s]
+    touching = system[surfaces.block_m] | system[surfaces.block_s]
     surfaces = surfaces.subset(np.flatnonzero(touching))
     check_initial_overlap(surfaces, law, clearance)
     return surfaces
@@ -111,37 +111,37 @@ def check_held(assembly: Assembly, load: LoadCase) -> None:
 
 def block_groups(
     assembly: Assembly,
-    deformable: BoolArray,
+    system: BoolArray,
     offsets: FloatArray,
     materials: tuple[Material, ...],
     element: ElementType,
     *,
     held: tuple[HeldFace, ...] = (),
 ) -> tuple[tuple[Body, ...], IntArray, IntArray]:
-    """One group for each shape and material that deforms, copies in the order of the blocks.
+    """One body for each shape and material that deforms, copies in the order of the blocks.
 
     ``materials`` are those of all blocks, (n_blocks,).
 
-    Blocks on springs share a group where their springs are the same.
+    Blocks on springs share a body where their springs are the same.
 
     Returns
     -------
     tuple[tuple[Body, ...], IntArray, IntArray]
-        The groups; group and copy of each block, -1 for rigid ones, (n_blocks,).
+        The bodies; number of the body and copy of each block, -1 for rigid ones, (n_blocks,).
     """
-    group_of = np.full(assembly.n_blocks, -1, dtype=np.int64)
+    body_number = np.full(assembly.n_blocks, -1, dtype=np.int64)
     copy_of = np.full(assembly.n_blocks, -1, dtype=np.int64)
-    groups: list[Body] = []
+    bodies: list[Body] = []
     kinds, springs = _springs(assembly, held)
     alike: dict[tuple[int, int, Material], list[int]] = {}
-    for block in np.flatnonzero(deformable).tolist():
+    for block in np.flatnonzero(system).tolist():
         key = int(assembly.shape_of[block]), int(kinds[block]), materials[block]
         alike.setdefault(key, []).append(block)
     for (number, kind, material), blocks in sorted(alike.items(), key=lambda found: found[0][:2]):
         shape = assembly.shapes[number]
-        group_of[blocks] = len(groups)
+        body_number[blocks] = len(bodies)
         copy_of[blocks] = np.arange(len(blocks))
-        groups.append(
+        bodies.append(
             placed_body(
                 shape.mesh,
                 material,
@@ -152,7 +152,7 @@ def block_groups(
                 name=shape.name,
             )
         )
-    return tuple(groups), group_of, copy_of
+    return tuple(bodies), body_number, copy_of
 
 
 def _springs(
@@ -272,9 +272,9 @@ def force_rows(assembly: Assembly, load: LoadCase, deforms: BoolArray) -> tuple[
     return (*_dead_loads(assembly, dead, deforms), *turned)
 
 
-def ground_loads(assembly: Assembly, load: LoadCase, group_of: IntArray) -> FloatArray | None:
+def ground_loads(assembly: Assembly, load: LoadCase, body_number: IntArray) -> FloatArray | None:
     """Loads on blocks that do not deform, (n_blocks, 6) [N, N mm]; None where there are none."""
-    rigid = group_of < 0
+    rigid = body_number < 0
     whole = load.body_wrenches is not None and bool(load.body_wrenches[rigid].any())
     if not (whole or rigid[load.block].any()):
         return None

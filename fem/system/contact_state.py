@@ -43,7 +43,7 @@ def block_surfaces(system: Sector, copy_of: IntArray | None = None) -> tuple[Blo
             result.append(
                 replace(
                     surface,
-                    group=int(whole.group_of[block]),
+                    group=int(whole.body_number[block]),
                     copy=int(max(copies[block], 0)),
                     computed=bool(computed[block]),
                 )
@@ -217,7 +217,7 @@ class ContactState(ReadOnlyArrays):
 
 
 def corner_displacements(
-    deformable: System,
+    system: System,
     displacements: tuple[FloatArray, ...],
     surfaces: ContactPoints | None = None,
 ) -> FloatArray:
@@ -225,10 +225,10 @@ def corner_displacements(
 
     Parameters
     ----------
-    deformable
+    system
         Blocks and surfaces; rigid blocks do not move.
     displacements
-        Of each group, (n_copies, n_nodes, 3) [mm], world axes.
+        Of each body, (n_copies, n_nodes, 3) [mm], world axes.
     surfaces
         Facets; None: the matched ones.
 
@@ -237,22 +237,22 @@ def corner_displacements(
     FloatArray
         (n_facets, nodes of both, 3) [mm].
     """
-    surfaces = deformable.surfaces if surfaces is None else surfaces
+    surfaces = system.surfaces if surfaces is None else surfaces
     per_side = surfaces.quads_m.shape[1]
     moved = np.zeros((surfaces.n_facets, 2 * per_side, 3))
     for half, (block, quads) in enumerate(
         ((surfaces.block_m, surfaces.quads_m), (surfaces.block_s, surfaces.quads_s))
     ):
         corners = slice(per_side * half, per_side * (half + 1))
-        for group, u in enumerate(displacements):
-            rows: IntArray = np.flatnonzero(deformable.group_of[block] == group)
-            copies = deformable.copy_of[block[rows]]
+        for body, u in enumerate(displacements):
+            rows: IntArray = np.flatnonzero(system.body_number[block] == body)
+            copies = system.copy_of[block[rows]]
             moved[rows, corners] = u[copies[:, None], quads[rows]]
     return moved
 
 
 def contact_state(
-    deformable: System,
+    system: System,
     displacements: tuple[FloatArray, ...],
     points: ContactPoints | None = None,
     frictions: FloatArray | None = None,
@@ -262,10 +262,10 @@ def contact_state(
 
     Parameters
     ----------
-    deformable
+    system
         Blocks and law.
     displacements
-        Of each group, world axes, (n_copies, n_nodes, 3) [mm].
+        Of each body, world axes, (n_copies, n_nodes, 3) [mm].
     points
         None: those of its matched facets.
     frictions
@@ -274,16 +274,16 @@ def contact_state(
         As a solver has them there, (n_facets, n_points) [mm]; None: those of the displacements,
         which differ by their rounding.
     """
-    points = deformable.surfaces if points is None else points
-    moved = corner_displacements(deformable, displacements, points)
-    law = deformable.contact.law.on(points.block_m, points.block_s)
+    points = system.surfaces if points is None else points
+    moved = corner_displacements(system, displacements, points)
+    law = system.contact.law.on(points.block_m, points.block_s)
     if isinstance(points, SearchedPoints):
         return searched_state(points, moved, law, frictions, overclosures)
     assert isinstance(points, MatchedFacets)
     sides = ((points.block_m, points.quads_m), (points.block_s, points.quads_s))
     nodes = moved + np.concatenate(
         [
-            placed_corners(deformable.assembly, block, quads) + deformable.offsets[block][:, None]
+            placed_corners(system.assembly, block, quads) + system.offsets[block][:, None]
             for block, quads in sides
         ],
         axis=1,

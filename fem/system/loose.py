@@ -22,7 +22,7 @@ _MOTIONS = ("along x", "along y", "along z", "about x", "about y", "about z")
 
 
 def loose_blocks(
-    deformable: System,
+    system: System,
     displacements: tuple[FloatArray, ...],
     point_pressures: FloatArray,
     surfaces: ContactPoints,
@@ -34,19 +34,19 @@ def loose_blocks(
 
     Each block is judged with its neighbours at rest: what is named here is certainly not held
     (frictionless contacts on it have fewer than six independent directions); blocks that could
-    only move together are not found. Displacements are those of each group in world axes,
+    only move together are not found. Displacements are those of each body in world axes,
     (n_copies, n_nodes, 3) [mm], pressures those of the points of the facets [MPa]. Of blocks that
     one stands for (n_blocks,) that one is judged.
     """
-    assembly = deformable.assembly
+    assembly = system.assembly
     pressing = np.flatnonzero((point_pressures > 0.0).any(axis=1))
     surfaces, point_pressures = surfaces.subset(pressing), point_pressures[pressing]
-    supported = np.unique(deformable.supports.block)
+    supported = np.unique(system.supports.block)
     loose = []
-    moving = deformable.deformable_blocks
+    moving = system.deformable_blocks
     for block in np.unique(representative[moving]):
-        group = int(deformable.group_of[block])
-        springs = deformable.bodies[group].springs
+        body = int(system.body_number[block])
+        springs = system.bodies[body].springs
         if springs is not None or block in supported:
             continue
         arms = assembly.nodes(int(block)) - assembly.centroids[block]
@@ -55,7 +55,7 @@ def loose_blocks(
             blocks = (surfaces.block_m, surfaces.block_s)[side]
             mine = np.flatnonzero(assembly.originals[blocks] == block)
             facets = surfaces.subset(mine)
-            corners = corner_displacements(deformable, displacements, facets)
+            corners = corner_displacements(system, displacements, facets)
             gradient = facets.kinematics(corners).gradient
             force = np.split(gradient, 2, axis=2)[side]
             quads = (facets.quads_m, facets.quads_s)[side]
@@ -84,17 +84,17 @@ def require_supported(system: Sector) -> None:
 
 
 def _require_held(system: Sector, slot: int) -> None:
-    group, copy = system.body(slot), int(system.whole.copy_of[system.blocks[slot]])
-    positions = group.reference_positions()[copy]
+    body, copy = system.body(slot), int(system.whole.copy_of[system.blocks[slot]])
+    positions = body.reference_positions()[copy]
     arm = positions - positions.mean(axis=0)
     # Motions about world axes, in those of the block.
     modes = rigid_motions(arm / max(float(np.abs(arm).max()), 1e-300))
-    modes = np.einsum("ij,nik->knj", group.rotations[copy], modes)
+    modes = np.einsum("ij,nik->knj", body.rotations[copy], modes)
     left = left_by(resisted(system, slot, modes))
     if len(left):
         motion = _MOTIONS[int(np.argmax(np.abs(left[-1])))]
         raise ModelError(
-            f"{group.name}[{copy}]: the supports leave a rigid motion free (mainly {motion}); "
+            f"{body.name}[{copy}]: the supports leave a rigid motion free (mainly {motion}); "
             "expected a static run to hold all six: fix a face, or solve by explicit dynamics"
         )
 

@@ -16,7 +16,7 @@ from geometry.parts.balance import Reactions, of_supports, outward_thrust
 #: Share of a way from which its stiffness is taken: a smooth step begins with none.
 _FIRST = 0.01
 
-#: Forces of supports on the nodes of each group, (n_copies, n_nodes, 3) [N].
+#: Forces of supports on the nodes of each body, (n_copies, n_nodes, 3) [N].
 Forces = tuple[FloatArray, ...]
 
 

@@ -159,7 +159,7 @@ def vectors_in_all_sectors(
     frames, swapped = sector.frames.axes, orbits.swapped
     # Alike in the frames of their blocks that deform; where blocks have changed places it acts on
     # the other one.
-    on_m = system.group_of[surfaces.block_s[stands]] < 0
+    on_m = system.body_number[surfaces.block_s[stands]] < 0
     of = np.where(on_m, surfaces.block_m[stands], surfaces.block_s[stands])
     to = frames[np.where(on_m != swapped, surfaces.block_m, surfaces.block_s)]
     turn = to @ frames[of].swapaxes(1, 2)
@@ -217,7 +217,7 @@ def _moved(
     shift = np.einsum("bij,bj->bi", back, place @ turn.T - place[to])
     shift /= assembly.characteristic_length
     own = back @ turn @ assembly.rotations[blocks]
-    kinds = np.stack([assembly.shape_of, system.group_of])
+    kinds = np.stack([assembly.shape_of, system.body_number])
     met = np.asarray(distance) <= _TOLERANCE * assembly.characteristic_length
     met &= (kinds == kinds[:, image]).all(axis=0)[blocks]
     return image, np.concatenate([own, shift[:, :, None]], axis=2), met
@@ -411,5 +411,5 @@ def _ends(system: System, orbits: Orbits, blocks: IntArray, facets: IntArray) ->
     for shape, onto in enumerate(over.facets):
         mine = over.blocks[blocks] & (shapes == shape)
         own[mine] = onto[facets[mine]]
-    moving = system.group_of[blocks] >= 0
+    moving = system.body_number[blocks] >= 0
     return np.where(moving, orbits.representative[blocks] * width + own, -1)

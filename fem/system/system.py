@@ -113,7 +113,7 @@ class System:
     """All blocks."""
     bodies: tuple[Body, ...]
     """Congruent blocks that deform."""
-    group_of: IntArray
+    body_number: IntArray
     """Body of each block, of its original for images, -1 for rigid ones, (n_blocks,)."""
     copy_of: IntArray
     """Which copy of that body it is, -1 for rigid ones, (n_blocks,)."""
@@ -157,7 +157,7 @@ class System:
     def deformable_blocks(self) -> IntArray:
         """Blocks that deform, images of others left out, (n,)."""
         original = self.assembly.originals == np.arange(self.assembly.n_blocks)
-        return np.flatnonzero((self.group_of >= 0) & original)
+        return np.flatnonzero((self.body_number >= 0) & original)
 
     def positions(self, block: int) -> FloatArray:
         """Nodes of a block before the load acts, spacing included, (n_nodes, 3) [mm]."""
@@ -171,15 +171,15 @@ class System:
 
     def body_of(self, block: int) -> Body:
         """Return the body of a deformable block."""
-        return self.bodies[int(self.group_of[block])]
+        return self.bodies[int(self.body_number[block])]
 
     @cached_property
     def first_nodes(self) -> IntArray:
         """First node of each block among those of all copies, body after body, -1 of rigid ones."""
         sizes = np.array([body.n_nodes for body in self.bodies])
         starts = np.cumsum([0, *(body.n_copies * body.n_nodes for body in self.bodies)])
-        first = starts[self.group_of] + sizes[self.group_of] * self.copy_of
-        return np.where(self.group_of < 0, -1, first)
+        first = starts[self.body_number] + sizes[self.body_number] * self.copy_of
+        return np.where(self.body_number < 0, -1, first)
 
     @cached_property
     def block_of_node(self) -> IntArray:
@@ -233,7 +233,7 @@ class Sector:
     def blocks(self) -> IntArray:
         """Representative deformable blocks, (n_slots,)."""
         chosen = np.unique(self.orbits.representative)
-        return chosen[self.whole.group_of[chosen] >= 0]
+        return chosen[self.whole.body_number[chosen] >= 0]
 
     @cached_property
     def slot_of(self) -> IntArray:
@@ -363,7 +363,7 @@ class Sector:
 
     def internal_force(self, displacement: FloatArray) -> FloatArray:
         """K u, congruent blocks at once, (n_nodes, 3) [N]."""
-        force, body_of = np.empty_like(displacement), self.whole.group_of[self.blocks]
+        force, body_of = np.empty_like(displacement), self.whole.body_number[self.blocks]
         for number in np.unique(body_of):
             slots = np.flatnonzero(body_of == number).tolist()
             moved = np.stack([displacement[self.nodes_of(slot)] for slot in slots])
@@ -383,7 +383,7 @@ class Sector:
         """
         parts = []
         for block in self.blocks:
-            world = displacements[self.whole.group_of[block]][self.whole.copy_of[block]]
+            world = displacements[self.whole.body_number[block]][self.whole.copy_of[block]]
             parts.append(world @ self.whole.assembly.rotations[block])
         return np.concatenate(parts)
 
@@ -392,7 +392,7 @@ class Sector:
         result = [np.zeros((body.n_copies, body.n_nodes, 3)) for body in self.whole.bodies]
         for block in self.whole.deformable_blocks.tolist():
             local = displacement[self.rows[block, : self.whole.body_of(block).n_nodes]]
-            result[self.whole.group_of[block]][self.whole.copy_of[block]] = (
+            result[self.whole.body_number[block]][self.whole.copy_of[block]] = (
                 local @ self.frames.axes[block].T
             )
         return result

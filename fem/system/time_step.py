@@ -102,9 +102,9 @@ def largest_mode(matrix: csr_array | LinearOperator) -> tuple[float, FloatArray]
     return float(value[0] + residual), x
 
 
-def viscosity_matrix(group: Body, linear_bulk_viscosity: float) -> csr_array:
+def viscosity_matrix(body: Body, linear_bulk_viscosity: float) -> csr_array:
     """Damping matrix of the linear bulk viscosity, Σ V b₁ ρ c L B Bᵀ; (3 n, 3 n) [N s/mm]."""
-    mesh, material = group.mesh, group.material
+    mesh, material = body.mesh, body.material
     mean, volume = mean_gradients(*gauss_gradients(mesh.nodes[mesh.elements]))
     impedance = linear_bulk_viscosity * material.density * material.dilatational_wave_speed
     weight = impedance * volume * characteristic_length(mesh.nodes[mesh.elements])
@@ -116,13 +116,13 @@ def viscosity_matrix(group: Body, linear_bulk_viscosity: float) -> csr_array:
     return csr_array(divergence.T @ diags_array(weight) @ divergence)
 
 
-def damping_matrix(group: Body, effects: Effects) -> csr_array | None:
+def damping_matrix(body: Body, effects: Effects) -> csr_array | None:
     """Damping that acts on the velocity half a step earlier, (3 n, 3 n) [N s/mm]; or None."""
     total: csr_array | None = None
     if effects.stiffness_damping is not None:
-        total = csr_array(group.stiffness) * effects.stiffness_damping
+        total = csr_array(body.stiffness) * effects.stiffness_damping
     if effects.bulk_viscosity is not None:
-        viscous = viscosity_matrix(group, effects.bulk_viscosity.linear_bulk_viscosity)
+        viscous = viscosity_matrix(body, effects.bulk_viscosity.linear_bulk_viscosity)
         total = viscous if total is None else total + viscous
     return total
 
@@ -133,31 +133,31 @@ def stable_step_of_mode(stiffness: float, damping: float) -> float:
 
 
 def group_critical_time_step(
-    group: Body, effects: Effects, *, extra_stiffness: FloatArray | None = None
+    body: Body, effects: Effects, *, extra_stiffness: FloatArray | None = None
 ) -> CriticalTimeStep:
     """Critical time step of one free reference block; supports only raise the limit.
 
     ``extra_stiffness`` is added on the diagonal, as contact does, (n_nodes,) [N/mm].
     """
-    stiffness = scaled(group.stiffness, group.lumped_mass)
+    stiffness = scaled(body.stiffness, body.lumped_mass)
     if extra_stiffness is not None:
-        stiffness = stiffness + diags_array(np.repeat(extra_stiffness / group.lumped_mass, 3))
+        stiffness = stiffness + diags_array(np.repeat(extra_stiffness / body.lumped_mass, 3))
     largest, mode = largest_mode(stiffness)
     undamped = 2.0 / math.sqrt(largest)
-    matrix = damping_matrix(group, effects)
+    matrix = damping_matrix(body, effects)
     step = undamped
     if matrix is not None:
-        step = _damped_step(stiffness, scaled(matrix, group.lumped_mass), mode, undamped)
+        step = _damped_step(stiffness, scaled(matrix, body.lumped_mass), mode, undamped)
     if step < 1e-3 * undamped:
         raise TimeStepError(
-            f"{group.name}: damping shrinks the critical time step from {undamped:.3g} s to "
+            f"{body.name}: damping shrinks the critical time step from {undamped:.3g} s to "
             f"{step:.3g} s; expected rayleigh.stiffness_proportional well below "
             f"{undamped:.3g} s and linear_bulk_viscosity well below 1"
         )
     viscosity = effects.bulk_viscosity
     b1 = 0.0 if viscosity is None else viscosity.linear_bulk_viscosity
-    estimate = characteristic_time_step(group.mesh, group.material, linear_bulk_viscosity=b1)
-    return CriticalTimeStep(step, undamped, group.name, math.sqrt(largest), estimate)
+    estimate = characteristic_time_step(body.mesh, body.material, linear_bulk_viscosity=b1)
+    return CriticalTimeStep(step, undamped, body.name, math.sqrt(largest), estimate)
 
 
 def _damped_step(

@@ -77,7 +77,7 @@ def explicit_rate(model: TimedSystem, threads: int) -> float:
 
 def condensation_rate() -> float:
     """Multiply-adds a second, as counted, of a block of degree 3 on its faces that touch."""
-    body = load_case("tsb1-pipe", DENSE | {"fem.degree": 3}).problem.deformable.bodies[0]
+    body = load_case("tsb1-pipe", DENSE | {"fem.degree": 3}).problem.system.bodies[0]
     z = body.mesh.nodes[:, 2]
     faces = np.flatnonzero((z < np.quantile(z, 0.2)) | (z > np.quantile(z, 0.8)))
     with budget() as spent:
@@ -96,7 +96,7 @@ def main() -> None:
     adds, stream = machine()
     print(f"One core: {2e-9 * adds:.0f} GF/s of a product, {1e-9 * stream:.0f} GB/s from the cache")
     damped = Effects(adaptive_mass_damping=AdaptiveMassDamping(interval=50))
-    blocks = load_case("tsb1-pipe", EXPLICIT).problem.deformable
+    blocks = load_case("tsb1-pipe", EXPLICIT).problem.system
     touching = timed_system(blocks, ramp_time=0.0, counted_pressure=4.0, effects=damped)
     none = blocks.surfaces.subset(np.empty(0, np.int64))
     apart = replace(touching, system=replace(blocks, surfaces=none).computed)

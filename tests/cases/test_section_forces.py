@@ -264,7 +264,7 @@ def test_friction_between_boxes_held_on_both_sides_of_a_plane() -> None:
     answer = solve_static(squeezed, Static(mesh="scene", error_estimate=False))
     cut, details = section(answer, [20.0, 0.0, 70.0], [1.0, 0.0, 0.0]), answer.details
     total, size = np.zeros(3), 0.0
-    for group, held in zip(details.deformable.bodies, details.support_forces, strict=True):
+    for group, held in zip(details.whole.bodies, details.support_forces, strict=True):
         force = held + group.lumped_mass[:, None] * np.array([0.0, -9810.0, 0.0])
         behind = group.reference_positions()[..., 0] < 20.0
         total, size = total + force[behind].sum(axis=0), size + np.abs(force).sum()

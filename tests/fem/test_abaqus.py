@@ -359,9 +359,9 @@ def test_nodal_forces_of_the_deck_have_the_resultant_of_the_scene(tube, as_print
 
 def test_an_imported_deck_gives_the_same_explicit_model() -> None:
     deck = box_deck()
-    system = deck.problem.deformable
+    system = deck.problem.system
     read = deck_of_lines(text_of(deck))
-    again = read.problem().deformable
+    again = read.problem().system
     a, b = (loaded_nodes(m)[1].sum(axis=0) for m in (system, again))
     assert np.abs(a - b).max() < 1e-12 * np.abs(a).max()
     assert damping_of_step(read.model, read.steps[0]).rayleigh == deck.effects.rayleigh
@@ -395,7 +395,7 @@ def test_a_removed_contact_pair_is_named(tube) -> None:
     lines = text_of(tube_deck(tube, flavour=Flavour.STANDARD))
     first = next(k for k, line in enumerate(lines) if line.startswith("*Contact Pair"))
     whole, less = deck_of_lines(lines), deck_of_lines(lines[:first] + lines[first + 2 :])
-    n_contacts = [deck.problem().deformable.surfaces.n_facets for deck in (whole, less)]
+    n_contacts = [deck.problem().system.surfaces.n_facets for deck in (whole, less)]
     assert n_contacts[1] < n_contacts[0]
     assert not any("no *Contact Pair has both" in note for note in whole.model.notes)
     assert any("no *Contact Pair has both" in note for note in less.model.notes)

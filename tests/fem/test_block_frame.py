@@ -21,7 +21,7 @@ FINITE = Effects(finite_rotation=True)
 PLACEMENTS = Rotation.from_rotvec([[0, 0, 0], [0, 0, 1.0], [0.6, -1.0, 0.3]]).as_matrix()
 
 
-def group_of(n_copies=3):
+def body_number(n_copies=3):
     return placed_body(distorted_box((3, 2, 2)), CONCRETE, rotations=PLACEMENTS[:n_copies])
 
 
@@ -35,7 +35,7 @@ def rigid_displacement(group, angle: float, axis, shift) -> np.ndarray:
 @pytest.mark.parametrize("degrees", [1.0, 90.0, 179.9, 360.0, 540.0])
 def test_rigid_motion_gives_no_strain(degrees):
     # u' is round-off of positions of size 10: strain 1e-15 or so, forces K times it.
-    group = group_of()
+    group = body_number()
     start = rigid_displacement(group, np.radians(degrees), [1.0, -2.0, 0.5], [5.0, -3.0, 8.0])
     model = lone_bodies((group,), effects=FINITE)
     dt = 0.9 * model.critical.critical_time_step
@@ -49,7 +49,7 @@ def test_rigid_motion_gives_no_strain(degrees):
 
 def test_frames_are_the_best_rotation():
     # Against scipy's Wahba solution of every copy, for strained and turned blocks.
-    group = group_of()
+    group = body_number()
     rng = np.random.default_rng(0)
     strain = 0.05 * rng.standard_normal((3, group.n_nodes, 3))
     start = rigid_displacement(group, 2.0, [1.0, 1.0, 0.0], [1.0, 2.0, 3.0]) + strain
@@ -74,7 +74,7 @@ def test_forces_are_the_gradient_of_the_strain_energy():
     # The torque-free correction is what differentiating through the frame gives: central
     # differences of the energy, with step 1e-4, agree to 1e-4² of the third derivative and
     # 1e-16 / 1e-4 of the energy.
-    group = group_of(2)
+    group = body_number(2)
     rng = np.random.default_rng(1)
     start = rigid_displacement(group, 1.0, [0, 0, 1.0], np.zeros(3))
     start += 0.05 * rng.standard_normal(start.shape)
@@ -108,7 +108,7 @@ def angular_momentum(group, result) -> tuple[np.ndarray, np.ndarray]:
 def test_free_spinning_block_keeps_both_momenta():
     # Σ m x_n × v is kept exactly by central differences with torque-free forces, to round-off
     # of n_steps additions.
-    group = group_of()
+    group = body_number()
     spin = np.array([200.0, -3e4, 1e4])
     x = group.reference_positions()
     velocity = np.cross(spin, x) + np.array([500.0, 0.0, -200.0])
@@ -130,7 +130,7 @@ def test_free_spinning_block_keeps_both_momenta():
 
 def test_damping_and_viscosity_do_not_brake_a_rigid_spin():
     # Viscous forces act on rates of strain seen from the frame: no torque, no loss of spin.
-    group = group_of()
+    group = body_number()
     velocity = np.cross([0.0, 0.0, 1e4], group.reference_positions())
     effects = Effects(
         rayleigh=RayleighDamping(stiffness_proportional=2e-8),
@@ -150,7 +150,7 @@ def test_damping_and_viscosity_do_not_brake_a_rigid_spin():
 
 def test_small_motions_agree_with_the_small_rotation_path():
     # The two differ by squares of the rotation, 1e-6 here, relative to the displacement.
-    group = group_of()
+    group = body_number()
     force = 1e-2 * np.random.default_rng(0).standard_normal(group.mesh.nodes.shape)
     load = nodal_load(0, force, copies=[0, 1, 2], amplitude=SmoothStepAmplitude(1e-5))
     small, finite = (

@@ -197,7 +197,7 @@ def test_instance_decks_remember_that_facets_do_not_match(flavour) -> None:
     for k in pairs:
         assert "type=SURFACE TO SURFACE" in lines[k]
         assert lines[k + 1] == "L01-B01.Z-MIN, L00-B01.Z-MAX"
-    found = static_state(deck_of_lines(lines).problem().deformable)
+    found = static_state(deck_of_lines(lines).problem().system)
     assert found.pressures == pytest.approx(0.01, rel=1e-6)
 
 
@@ -227,7 +227,7 @@ def test_no_node_of_a_joint_is_lost_where_blocks_slide_over_a_rim(tmp_path: Path
     assert largest > 0.009
     shape = deck.assembly.shapes[0]
     angle = max(half_facet_angle(shape, face) for face in shape.contact_faces)
-    own = static_state(deck.problem.deformable).displacements
+    own = static_state(deck.problem.system).displacements
     ours = max(np.linalg.norm(of, axis=-1).max() for of in own)
     assert largest == pytest.approx(ours, rel=angle)
 

@@ -49,7 +49,7 @@ def test_explicit_friction_follows_slow_loading() -> None:
     friction = "effects.friction.coefficient=0.05"
     scene = scene_of(friction, 'fem.method="explicit"', 'fem.damping="static"')
     run = on_its_mesh(scene, method="explicit")
-    slow = static_state(scene.problem.deformable, StaticOptions(load_steps=16))
+    slow = static_state(scene.problem.system, StaticOptions(load_steps=16))
     assert run.details.contact_state.point_pressures.max() == pytest.approx(
         slow.pressures.max(), rel=5e-3
     )

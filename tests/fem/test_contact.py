@@ -175,7 +175,7 @@ def test_groups_follow_the_frames():
     rigid = deformable_assembly(tube, load, CONCRETE)
     assert len(rigid.bodies) == 1
     assert rigid.bodies[0].n_copies == 8
-    assert (rigid.group_of[tube.fixed] == -1).all()
+    assert (rigid.body_number[tube.fixed] == -1).all()
     held = deformable_assembly(tube, load, CONCRETE, frames=Frames.DEFORMABLE)
     assert len(held.bodies) == 3
     # Frame blocks are held, and no others.

@@ -44,7 +44,7 @@ def test_a_cap_says_where_it_acted(tmp_path: Path) -> None:
     assert found["points"] == found["pressing_points"] == points
     assert found["force_share"] == pytest.approx(1.0, rel=1e-12)
     # Linear from the cap on: 1.117 MPa at 1000 MPa/mm more for each joint.
-    start = run.details.deformable.contact.law.constants
+    start = run.details.whole.contact.law.constants
     deep = start.linear_start + (PRESSURE - start.linear_pressure) / 1000.0
     np.testing.assert_allclose(run.details.contact_state.point_overclosures, deep, rtol=1e-7)
     told = printed(capped, tmp_path)

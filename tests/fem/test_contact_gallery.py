@@ -113,7 +113,7 @@ def test_a_roller_pushed_aside_sticks_in_the_middle() -> None:
     is below the limit.
     """
     found = solved("cattaneo-mindlin", "fem.motion_steps=4")
-    state, friction = found.contact_state, found.deformable.contact.friction
+    state, friction = found.contact_state, found.whole.contact.friction
     assert friction is not None
     modulus, force = effective_modulus((STEEL, STEEL)), press(found) / THICKNESS
     push = float(reactions_of(found)["push"]["force"][0]) / THICKNESS

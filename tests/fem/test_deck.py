@@ -277,8 +277,8 @@ def test_boxes_give_the_model_of_the_scene(name, tmp_path: Path) -> None:
     """The imported deck states what `tubelock fem` computes."""
     settings = ["fem.method=explicit", "fem.end_time=0.001"]
     path = exported(tmp_path / "box.inp", name, settings, flavour="general")
-    model = read_deck(path).problem().deformable
-    ours = load_case(name, settings).problem.deformable
+    model = read_deck(path).problem().system
+    ours = load_case(name, settings).problem.system
     assert model.n_elements == ours.n_elements
     assert model.bodies[0].element is ours.bodies[0].element
     forces = [loaded_nodes(m)[1].sum(axis=0) for m in (model, ours)]

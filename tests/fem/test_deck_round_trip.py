@@ -105,7 +105,7 @@ def test_what_is_read_and_written_is_read_as_the_same(scene, flavour, tmp_path: 
 
 def resultant(problem: Problem) -> tuple[np.ndarray, float]:
     """Force and moment of the loads of blocks that deform, and the size of these moments."""
-    places, forces = loaded_nodes(problem.deformable)
+    places, forces = loaded_nodes(problem.system)
     moments = np.cross(places, forces)
     return np.concatenate([forces.sum(axis=0), moments.sum(axis=0)]), float(np.abs(moments).sum())
 
@@ -143,7 +143,7 @@ TOLD = [(name, of) for name, of in TOLD if of is not Flavour.CALCULIX or name no
 
 def settled(problem: Problem) -> State:
     """Static state on the mesh of a problem, after those before it."""
-    *before, last = (stage.deformable for stage in problem.stages)
+    *before, last = (stage.system for stage in problem.stages)
     return static_state(last, before=before)
 
 
@@ -163,7 +163,7 @@ def test_an_exported_deck_has_the_answer_of_its_scene(name, flavour, tmp_path: P
     assert name not in STATEMENTS or read.coulomb == own.coulomb
     over = np.linspace(-1e-3, 5e-3, 50)
     theirs, ours = (one.contact_law.pressure(over) for one in (read, own))
-    if own.deformable.meets:
+    if own.system.meets:
         assert theirs == pytest.approx(ours, rel=1e-3, abs=1e-6)
     # With that law, and the cantilever is explicit.
     own = replace(own, law=read.law, finite_rotation=False, check_blocks=False)
@@ -175,6 +175,6 @@ def test_an_exported_deck_has_the_answer_of_its_scene(name, flavour, tmp_path: P
     # The rest of a residual of 1e-8 of the load, times a gain of contact below 1e2.
     a, b = by_block(one), by_block(other)
     assert np.abs(a - b).max() < max(1e-6, moves) * np.abs(a).max() > 0.0
-    if own.deformable.meets:
+    if own.system.meets:
         a, b = (state.contact_state.point_pressures.max() for state in (one, other))
         assert a == pytest.approx(b, rel=presses)

@@ -43,7 +43,7 @@ COARSE = list(coarse(2, 2, 2))
 
 def top_moves(deck: InputDeck) -> float:
     """Displacement of the loaded face along z [mm]."""
-    result = static_state(deck.problem().deformable)
+    result = static_state(deck.problem().system)
     return float(min(moved[..., 2].min() for moved in result.displacements))
 
 
@@ -153,7 +153,7 @@ def test_what_has_no_influence_is_named() -> None:
 def test_forces_on_nodes_count_once_beside_pressures_that_turn() -> None:
     both = changed("UPPER, P2, 2.", "UPPER, P2, 2.\n*Cload\n15, 3, -1.")
     for lines in (both, changed("*Step\n", "*Step, nlgeom\n", both)):
-        total = loaded_nodes(deck_of_lines(lines).problem().deformable)[1].sum(axis=0)
+        total = loaded_nodes(deck_of_lines(lines).problem().system)[1].sum(axis=0)
         assert total == pytest.approx([0.0, 0.0, -3.0], abs=1e-12)
 
 

@@ -113,11 +113,11 @@ def test_an_exact_answer_has_no_error() -> None:
     ids=["sine", "hexagon", "planar", "bricks", "osteomorphic", "boxes"],
 )
 def test_coarser_meshes_can_be_built(case: Case) -> None:
-    fine = case.problem.deformable.n_elements
+    fine = case.problem.system.n_elements
     for share in (2.0 / 3.0, 0.5):
         coarse = case.coarser(share)
         assert coarse is not None
-        assert 0.5 * share**3 * fine < coarse.problem.deformable.n_elements < fine
+        assert 0.5 * share**3 * fine < coarse.problem.system.n_elements < fine
     coarsest = case.coarser(1e-9)
     assert coarsest is not None
     assert coarsest.coarser(0.5) is None
@@ -221,12 +221,12 @@ def test_a_mesh_twice_as_fine_is_solved_where_the_work_for_it_is_left(
     blocks = box_column([ColumnBox((40.0, 40.0, 40.0), (1, 1, 1))] * 2)
     problem = Problem(blocks, face_pressure(blocks, np.array([1]), "z+", 0.5), concrete)
     with budget(None) as spent:
-        state = static_state(problem.deformable)
+        state = static_state(problem.system)
     asked: list[Problem] = []
 
     def solve(other: Problem) -> State:
         asked.append(other)
-        return static_state(other.deformable)
+        return static_state(other.system)
 
     with budget(share * spent.grown(8.0)):
         errors = static_errors(problem, state, solve, spent).errors

@@ -79,7 +79,7 @@ def plain_forces(deformable, displacements):
         (4, surfaces.block_s, surfaces.quads_s),
     ):
         for g, total in enumerate(result):
-            mine = deformable.group_of[blocks] == g
+            mine = deformable.body_number[blocks] == g
             copies = deformable.copy_of[blocks[mine]]
             np.add.at(total, (copies[:, None], quads[mine]), forces[mine, half : half + 4])
     return result, float((surfaces.weights * law.stored_energy(found.overclosure)).sum())
@@ -162,7 +162,7 @@ def test_friction_agrees_with_the_plain_law():
         (0, surfaces.block_m, surfaces.quads_m),
         (4, surfaces.block_s, surfaces.quads_s),
     ):
-        mine = deformable.group_of[blocks] == 0
+        mine = deformable.body_number[blocks] == 0
         copies = deformable.copy_of[blocks[mine]]
         np.add.at(expected[0], (copies[:, None], quads[mine]), corners[mine, half : half + 4])
     statement = timed_system(in_contact(deformable, friction=friction))

@@ -95,13 +95,13 @@ def test_a_block_swings_on_springs_with_the_period_of_the_closed_form(quarters: 
 def test_the_time_step_is_that_of_block_and_springs() -> None:
     """2/ω of K + springs, by a dense solver: springs count once."""
     load = case(ONE, held=(*SIDES, roller(ONE, 0, -Z, spring=5e3)))
-    (group,) = Problem(ONE, load, concrete).deformable.bodies
+    (group,) = Problem(ONE, load, concrete).system.bodies
     squares = eigh(
         group.stiffness.toarray(), np.diag(np.repeat(group.lumped_mass, 3)), eigvals_only=True
     )
     step = critical_time_step([group], Effects()).critical_time_step
     assert step == pytest.approx(2.0 / np.sqrt(squares[-1]), rel=1e-5)
-    soft = Problem(ONE, case(ONE, held=(*SIDES, roller(ONE, 0, -Z))), concrete).deformable.bodies
+    soft = Problem(ONE, case(ONE, held=(*SIDES, roller(ONE, 0, -Z))), concrete).system.bodies
     assert step < 0.9 * critical_time_step(soft, Effects()).critical_time_step
 
 

@@ -139,7 +139,7 @@ def test_bars_hold_the_answer_of_ten_times_the_stick():
         "effects": {"gravity": [0.0, 0.0, -9810.0], "friction": 0.5},
     }
     problem = load_case(scene, method="static").problem
-    friction = replace(problem.coulomb, stick_stiffness=10.0 * problem.deformable.stick())
+    friction = replace(problem.coulomb, stick_stiffness=10.0 * problem.system.stick())
     two = Static(max_work=0.8)
     usual, stiffer = (solve_static(p, two) for p in (problem, replace(problem, friction=friction)))
     assert len(usual.report["meshes"]) == len(stiffer.report["meshes"]) == 2

@@ -57,7 +57,7 @@ def test_rows_that_contradict_each_other_are_refused(values: tuple[float, ...]) 
 
 def test_supports_that_are_stated_again_change_nothing() -> None:
     """All rows again, those along x of what moves along a slope."""
-    deformable = load_case("shifted-boxes").problem.deformable
+    deformable = load_case("shifted-boxes").problem.system
     held = deformable.supports
     turns = deformable.assembly.rotations[held.block]
     moves = held.table >= 0
@@ -81,7 +81,7 @@ def test_supports_that_move_at_other_times_are_no_sector(late: tuple[int, ...], 
     """One node of each block of a layer goes the same way, that of some blocks later: a sector has
     the ways of all its copies."""
     coarse = {"assembly.layers": 1, "mesh.around": 12, "mesh.radial": 1, "mesh.axial": 2}
-    model = load_case("tsb1-pipe", coarse).problem.deformable
+    model = load_case("tsb1-pipe", coarse).problem.system
     soon, later = (TabularAmplitude((0.0, end, 1.0), (0.0, 1.0, 1.0)) for end in (0.5, 0.75))
     moved = [
         held_at(

@@ -149,7 +149,7 @@ def test_pressure_and_weight_have_their_resultants() -> None:
     Density times exact volume times acceleration: cubic elements miss the sine by 1e-5.
     """
     problem = Problem(ring(), pipe(0.01), CONCRETE, degree=3, gravity=[0.0, 0.0, -9810.0])
-    system = problem.deformable.computed
+    system = problem.system.computed
     first = system.nodal_forces()[system.nodes_of(0)]
     expected = 0.01 * 2 * 120.0 * np.sin(np.pi / 4) * 200.0
     volume = 0.5 * np.pi / 2.0 * (160.0**2 - 120.0**2) * 200.0

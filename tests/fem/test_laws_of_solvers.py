@@ -288,7 +288,7 @@ def test_friction_carries_what_leans_up_to_its_limit(name: str) -> None:
     assert joints.normal_force == pytest.approx(weight, rel=solver.exact)
     assert joints.shear_force == pytest.approx(0.8 * SMOOTH * weight, rel=solver.exact)
     if not solver.runs:
-        beyond = replace(leaning(1.05), **solver.stated).deformable
+        beyond = replace(leaning(1.05), **solver.stated).system
         with pytest.raises(StaticError, match="no equilibrium found"):
             static_state(beyond, StaticOptions(load_steps=1, max_iterations=20))
 
@@ -323,13 +323,13 @@ def same(one: State, other: State, exact: float) -> None:
 def test_joints_and_loads_balance_every_block(name: str) -> None:
     """As printed, and forces of points summed here, to the residual."""
     found = found_by(name)
-    points, system = found.contact_state, found.deformable
+    points, system = found.contact_state, found.whole
     near = SOFT * found.residual
     assert imbalance_of(found).largest <= near
     forces = system.computed.expand(system.computed.nodal_forces())
     left = np.zeros((system.assembly.n_blocks, 3))
     for block in system.deformable_blocks.tolist():
-        left[block] = forces[system.group_of[block]][system.copy_of[block]].sum(axis=0)
+        left[block] = forces[system.body_number[block]][system.copy_of[block]].sum(axis=0)
     size = np.abs(left).max()
     for side, sign in ((points.block_m, -1.0), (points.block_s, 1.0)):
         np.add.at(left, side[points.facet], sign * points.point_forces)
@@ -375,7 +375,7 @@ def test_a_tube_that_stands_elsewhere_otherwise_numbered_is_the_same(name: str) 
     there = renumbered(moved(blocks, turn, 1e3 * np.array([3.0, -2.0, 1.0])), order)
     found, here = SOLVERS[name].solved(under(blocks=there)), found_by(name)
     exact, largest = SOLVERS[name].exact, here.largest_displacement
-    for block in here.deformable.deformable_blocks.tolist():
+    for block in here.whole.deformable_blocks.tolist():
         new = int(np.flatnonzero(order == block)[0])
         expected = here.displacement_of(block) @ turn.T
         assert np.abs(found.displacement_of(new) - expected).max() <= exact * largest
@@ -425,7 +425,7 @@ def test_an_answer_that_goes_on_from_another_is_the_same(name: str, tmp_path: Pa
         assert on.run.energies == whole.run.energies
         assert np.array_equal(on.nodal_displacements, whole.nodal_displacements)
         return
-    stated, found = replace(under(0.5 * LOAD), **solver.stated).deformable, found_by(name)
+    stated, found = replace(under(0.5 * LOAD), **solver.stated).system, found_by(name)
     on = static_state(stated, start=found.displacements)
     same(on, solver.solved(under(0.5 * LOAD)), solver.exact)
 
@@ -483,7 +483,7 @@ def test_forces_at_any_motion_balance_and_are_the_slope_of_an_energy(name: str) 
     motion changes the energy. Central differences err by a square of 1e-4; the areas of cuts, which
     the energy of a search has too, change once it is renewed."""
     stated = replace(under(frames=Frames.DEFORMABLE), **SOLVERS[name].stated)
-    model = timed_system(stated.deformable)
+    model = timed_system(stated.system)
     rng = np.random.default_rng(2)
     place, way = (
         tuple(size * rng.standard_normal((b.n_copies, b.n_nodes, 3)) for b in model.bodies)

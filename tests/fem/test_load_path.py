@@ -169,7 +169,7 @@ def test_frames_of_a_problem_after_another_begin_at_its_state():
     frames = []
     method = Static(mesh="scene", frames=3)
     found = solve_static(last, method, on_frame=frames.append).details
-    before = static_state(past.deformable, StaticOptions(symmetry=1)).displacements[0]
+    before = static_state(past.system, StaticOptions(symmetry=1)).displacements[0]
     first, *_, end = (frame.displacements[0] for frame in frames)
     size = np.abs(before).max()
     # Both are found to a residual of 1e-8; what contact leaves soft moves more.

@@ -79,7 +79,7 @@ def test_circumferential_traction_has_constant_size_and_runs_counter_clockwise()
 
 def _resultant(problem: Problem) -> FloatArray:
     """Force and moment about the origin of all nodal forces, (6,) [N, N mm]."""
-    at, forces = loaded_nodes(problem.deformable)
+    at, forces = loaded_nodes(problem.system)
     return np.concatenate([forces.sum(axis=0), np.cross(at, forces).sum(axis=0)])
 
 

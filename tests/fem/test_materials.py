@@ -64,7 +64,7 @@ def test_two_bars_in_series() -> None:
     """Uniform stress without lateral strain: exact to the residual of 1e-8; an explicit run
     damped to a residual of 1e-4 of the load is as near, and so are finer meshes."""
     problem = column()
-    assert len(problem.deformable.bodies) == 2
+    assert len(problem.system.bodies) == 2
     assert top_of(solve_static(problem, Static(mesh="scene"))) == pytest.approx(series(), rel=1e-7)
     with small_meshes(1, 2):
         assert top_of(solve_static(problem)) == pytest.approx(series(), rel=1e-6)
@@ -81,7 +81,7 @@ def test_decks_have_a_material_for_each_part(flavour: Flavour, tmp_path: Path) -
     read = read_deck(tmp_path / "two.inp").problem()
     assert read.materials == (SOFT, STIFF)
     if flavour is Flavour.STANDARD:
-        moved = static_state(read.deformable).displacements
+        moved = static_state(read.system).displacements
         shortening = PRESSURE * (50.0 / 3_000.0 + 50.0 / 60_000.0 + 1.0 / JOINT)
         assert -moved[1][:, :, 2].min() == pytest.approx(shortening, rel=1e-7)
 

@@ -98,7 +98,7 @@ def test_two_solvers_find_one_state(
     for blocks, fewer in FEWER if degree == 3 else ():
         if problem.blocks is blocks:
             problem = replace(problem, blocks=fewer)
-    assert grid_blocks(problem.deformable) is not None
+    assert grid_blocks(problem.system) is not None
     options = StaticOptions(method=StaticMethod.SPARSE, tolerance=1e-10)
     oracle = by_options(problem, options)
 
@@ -123,7 +123,7 @@ def test_two_solvers_find_one_state(
 )
 def test_blocks_that_a_half_turn_maps_onto_others_are_not_computed(name: str, share: float) -> None:
     """Facets that it takes onto themselves count half; a weight along the axis breaks it."""
-    deformable = replace(PROBLEMS[name], degree=2).deformable
+    deformable = replace(PROBLEMS[name], degree=2).system
     moving = deformable.deformable_blocks
     orbits, half = (largest_sector(deformable, half_turn=on).orbits for on in (False, True))
     one, all_layers = (len(np.unique(o.representative[moving])) for o in (half, orbits))
@@ -134,7 +134,7 @@ def test_blocks_that_a_half_turn_maps_onto_others_are_not_computed(name: str, sh
 
 def test_a_block_is_condensed_on_no_point_too() -> None:
     """As where all contact is soft at a start: points that are asked for later are added."""
-    grids = grid_blocks(replace(PROBLEMS["pipe"], degree=2).deformable)
+    grids = grid_blocks(replace(PROBLEMS["pipe"], degree=2).system)
     assert grids is not None
     points = np.array([0, 7, 100])
     grown = PointFlexibility(grids[0], points[:0])
@@ -315,7 +315,7 @@ def test_means_over_the_facets_of_its_own_mesh_are_those_of_the_run(degree: int)
     problem = replace(PROBLEMS["tunnel"], degree=degree)
     found = solve_static(problem, Static(mesh="scene", error_estimate=False)).details
     state = found.contact_state
-    means = pressures_on_facets(problem.blocks, found.deformable, found.displacements)
+    means = pressures_on_facets(problem.blocks, found.whole, found.displacements)
     # Rounding of gaps is a share of the length in which the law grows by e, whatever the pressure.
     tiny = 1e-12 * state.pressures.max()
     np.testing.assert_allclose(means[state.interface], state.pressures, rtol=1e-9, atol=tiny)
@@ -334,7 +334,7 @@ def test_facets_larger_than_elements_carry_what_the_elements_carry() -> None:
     hexahedra = replace(
         blocks, shapes=tuple(replace(shape, charts=None) for shape in blocks.shapes)
     )
-    means = pressures_on_facets(hexahedra, found.deformable, found.displacements)
+    means = pressures_on_facets(hexahedra, found.whole, found.displacements)
     joints = blocks.interfaces
     for start, end in pairwise(joints.pair_start.tolist()):
         m, s = joints.block_m[start], joints.block_s[start]
@@ -351,8 +351,8 @@ def test_facets_larger_than_elements_carry_what_the_elements_carry() -> None:
 def test_a_state_on_its_own_mesh_is_itself() -> None:
     problem = replace(PROBLEMS["tunnel"], degree=2)
     found = solve_static(problem, Static(mesh="scene", error_estimate=False)).details
-    again = on_degree(problem, problem.blocks.shapes, 2).deformable
-    moved = transferred(found.displacements, found.deformable, again)
+    again = on_degree(problem, problem.blocks.shapes, 2).system
+    moved = transferred(found.displacements, found.whole, again)
     for one, other in zip(moved, found.displacements, strict=True):
         np.testing.assert_allclose(one, other, atol=1e-12 * np.abs(other).max())
 

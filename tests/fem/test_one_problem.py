@@ -28,7 +28,7 @@ def test_clearance_and_spacing_are_two_gaps() -> None:
     gaps = {}
     for kind in ("clearance", "spacing"):
         file = load_case("tsb1-pipe", [*COARSE, f"contact.{kind}=0.01"])
-        gaps[kind] = file.problem.deformable.surfaces.initial_gaps
+        gaps[kind] = file.problem.system.surfaces.initial_gaps
     # Facets coincide up to rounding of coordinates of 400 mm.
     assert np.abs(gaps["clearance"] - 0.01).max() < 1e-12
     assert gaps["spacing"].min() < 0.005

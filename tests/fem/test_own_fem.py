@@ -66,7 +66,7 @@ def test_joints_of_a_static_column_that_do_not_match_are_found() -> None:
     assert matching.interfaces.areas.sum() == pytest.approx(4000.0, rel=1e-12)
     scene = column(0.5).keys
     scene["block"]["boxes"][1]["divisions"] = [4, 2, 1]
-    crossing = load_case(scene).problem.deformable
+    crossing = load_case(scene).problem.system
     assert len(crossing.assembly.unmatched or ()) == 2
 
 
@@ -104,7 +104,7 @@ def test_the_frame_of_a_wall_carries_the_load(
     run = on_its_mesh(name, (*small, f"fem.degree={degree}"), method="static")
     found = run.details.contact_state
     # One free block: what its facets push the frame with, towards +y, is pressure times area.
-    sign = np.where(run.details.deformable.group_of[found.block_m] >= 0, 1.0, -1.0)
+    sign = np.where(run.details.whole.body_number[found.block_m] >= 0, 1.0, -1.0)
     total = (sign[found.facet][:, None] * found.point_forces).sum(axis=0)
     # The residual is 1e-8 of the load.
     assert total[1] == pytest.approx(0.01 * area, rel=1e-7)
@@ -331,7 +331,7 @@ def test_built_in_panels_stand_under_their_weight(
 def test_faces_that_slide_on_each_other_press_nowhere(tmp_path: Path) -> None:
     """All four blocks of a panel sink along their faces: those stay in contact, to rounding of the
     file. Edges that cross lay in each other by 0.024 mm, where the law knows no bound."""
-    deformable = panel_scene(tmp_path, 2, 0.3).problem.deformable
+    deformable = panel_scene(tmp_path, 2, 0.3).problem.system
     lean, sunk = np.tan(np.radians(25.0)), 0.057
     along = np.array([[1, -1, 0], [1, 1, 0], [-1, -1, 0], [-1, 1, 0]]) * lean - [0.0, 0.0, 1.0]
     moved = [
@@ -498,7 +498,7 @@ def test_hexahedra_split_from_tetrahedra_have_the_right_pressure(
     material = Material(density=2.4e-9, young_modulus=33e3, poisson_ratio=0.0)
     gravity = (0.0, 0.0, -9810.0)
     stated = Problem(column, load, material, gravity=gravity, friction=0.3, degree=degree)
-    found = static_state(stated.deformable)
+    found = static_state(stated.system)
     assert found.contact_state.pressures.max() == pytest.approx(
         2 * 2.4e-9 * 9810.0 * size[2], rel=accuracy
     )

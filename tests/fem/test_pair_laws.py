@@ -50,7 +50,7 @@ def sunk(displacements: tuple[np.ndarray, ...]) -> np.ndarray:
 def test_laws_of_ones_own_are_taken_by_pairs() -> None:
     """A table with the slope of the linear law, on one joint."""
     table = TabularLaw([(0.0, 0.0), (0.1, 5.0)])
-    found = static_state(pressed(PairLaws(STIFF, ((0, 2, table),))).deformable)
+    found = static_state(pressed(PairLaws(STIFF, ((0, 2, table),))).system)
     expected = PRESSURE / np.array([500.0, 50.0]) + SHORTENED
     assert sunk(found.displacements) == pytest.approx(expected, rel=1e-8)
 
@@ -71,7 +71,7 @@ def test_a_sector_needs_the_same_of_all_round_the_axis(what: str) -> None:
             "material": [steel if b in some else concrete for b in range(blocks.n_blocks)],
         }
         problem = replace(Problem(blocks, shaft(0.01), concrete), **{what: stated[what]})
-        assert largest_sector(problem.deformable).orbits.order == order
+        assert largest_sector(problem.system).orbits.order == order
 
 
 def test_decks_have_an_interaction_for_each_law(tmp_path: Path) -> None:

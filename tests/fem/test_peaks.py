@@ -39,7 +39,7 @@ def test_overclosures_at_corners_are_those_of_the_surfaces(normals: ContactNorma
     Corners are moved along the normal alone, alike on both sides of a facet but for a gap that
     differs from corner to corner by less than 1e-9 of a side.
     """
-    surfaces = replace(column(PRESSURE).problem, normals=normals).deformable.surfaces
+    surfaces = replace(column(PRESSURE).problem, normals=normals).system.surfaces
     rng = np.random.default_rng(1)
     gap = 1e-8 * rng.standard_normal((surfaces.n_facets, 4))
     moved = np.zeros((surfaces.n_facets, 8, 3))
@@ -79,7 +79,7 @@ def test_joints_carry_the_load(pressed: Answer) -> None:
 
 def test_balls_average_over_the_part_in_the_block(pressed: Answer) -> None:
     """A constant stays; a linear field becomes its value at the ball's part in the block."""
-    group = pressed.details.deformable.bodies[0]
+    group = pressed.details.whole.bodies[0]
     points = integration_points(group.mesh, group.element)
     for radius in (1.0, 20.0, 60.0, 1e3):
         stress = np.zeros((1, len(points), 6))
@@ -96,7 +96,7 @@ def test_balls_average_over_the_part_in_the_block(pressed: Answer) -> None:
 def test_a_block_that_flies_far_has_no_stress(pressed: Answer) -> None:
     """Of a flight of 1 km the mean is taken off first: sums of 2e6 mm times slopes of 0.1 / mm
     would leave 1e-16 of themselves, times 33 GPa some 1e-6 MPa."""
-    group = pressed.details.deformable.bodies[0]
+    group = pressed.details.whole.bodies[0]
     flight = np.full((group.n_copies, group.n_nodes, 3), 2.0**20)
     found = recover(group, flight, finite_rotation=True).stress
     assert np.abs(found).max() < 1e-9
@@ -113,7 +113,7 @@ def test_a_bent_block_is_torn_where_it_bends_most() -> None:
     Full integration sees the strain of the corner displacements exactly in the quadratic field's
     own x-direction: σ_xx at a Gauss point is E times the mean slope between its element's corners.
     """
-    deformable = averaged_over(1e3, column(PRESSURE).problem).deformable
+    deformable = averaged_over(1e3, column(PRESSURE).problem).system
     group, radius = deformable.bodies[0], 1e6
     shape = [(g.n_copies, g.n_nodes, 3) for g in deformable.bodies]
     displacements = tuple(np.zeros(s) for s in shape)
@@ -134,7 +134,7 @@ def test_a_bent_block_is_torn_where_it_bends_most() -> None:
 def test_no_mean_is_above_the_largest_tension() -> None:
     """Tension that grows towards one corner: Gauss points of large elements are far from it."""
     problem = column(PRESSURE).changed({"fem.degree": 2}).problem
-    deformable = averaged_over(5.0, problem).deformable
+    deformable = averaged_over(5.0, problem).system
     x = [g.mesh.nodes for g in deformable.bodies]
     along = [1e-9 * np.prod(nodes**2, axis=1)[:, None] * [1.0, 0.0, 0.0] for nodes in x]
     displacements = tuple(
@@ -147,12 +147,12 @@ def test_no_mean_is_above_the_largest_tension() -> None:
 
 def test_pressure_peaks_at_the_corner_that_is_pressed_most() -> None:
     """A block turned about one edge: the gap is linear, so the law is known at the far corners."""
-    deformable = column(PRESSURE).problem.deformable
+    deformable = column(PRESSURE).problem.system
     turn = 1e-4
     displacements = tuple(np.zeros((g.n_copies, g.n_nodes, 3)) for g in deformable.bodies)
     for block in (1, 2):
         x = deformable.assembly.nodes(block)
-        group, copy = deformable.group_of[block], deformable.copy_of[block]
+        group, copy = deformable.body_number[block], deformable.copy_of[block]
         displacements[group][copy][:, 2] = -turn * x[:, 0]
     state = State(deformable.computed, deformable.computed.localised(displacements))
     law = deformable.contact.law

@@ -32,7 +32,7 @@ def cell() -> Answer:
 
 def unbalanced_forces(run_of: Case, tiles: dict[int, np.ndarray]) -> dict[int, float]:
     """Norm of loads, contact and internal forces of every layer of a tube, displaced by tiles."""
-    deformable = run_of.problem.deformable
+    deformable = run_of.problem.system
     assembly = deformable.assembly
     place = np.zeros(assembly.n_blocks, dtype=np.int64)
     for layer in np.unique(assembly.layer):
@@ -50,7 +50,7 @@ def unbalanced_forces(run_of: Case, tiles: dict[int, np.ndarray]) -> dict[int, f
         (slice(0, 4), surfaces.block_m, surfaces.quads_m),
         (slice(4, 8), surfaces.block_s, surfaces.quads_s),
     ):
-        mine = np.flatnonzero(deformable.group_of[blocks] == 0)
+        mine = np.flatnonzero(deformable.body_number[blocks] == 0)
         copies = deformable.copy_of[blocks[mine]]
         np.add.at(total, (copies[:, None], quads[mine]), corners[mine, half])
     loads = deformable.computed.expand(deformable.computed.nodal_forces())[0]
@@ -70,7 +70,7 @@ def test_cells_on_top_of_each_other_are_an_equilibrium_of_a_tube(cell: Answer) -
     # the cell knows nothing of, they do not.
     u, n = cell.details.displacements[0], 4
     norms = unbalanced_forces(scene_of(*COARSE, "assembly.layers=6"), {1: u[:n], 0: u[n:]})
-    size = float(np.linalg.norm(cell.details.deformable.computed.nodal_forces()))
+    size = float(np.linalg.norm(cell.details.whole.computed.nodal_forces()))
     assert max(norms[k] for k in (2, 3, 4, 5)) < 1e-7 * size
     assert min(norms[1], norms[6]) > 0.1 * size
 
@@ -78,7 +78,7 @@ def test_cells_on_top_of_each_other_are_an_equilibrium_of_a_tube(cell: Answer) -
 def pressures(scene: str, *settings: str) -> np.ndarray:
     """Pressures of the two middle layers of a tube, or of its cell: p_max and p_eff [MPa]."""
     state = on_its_mesh(load_case(scene, settings), method="static").details
-    assembly = state.deformable.assembly
+    assembly = state.whole.assembly
     lower = 1 if assembly.image_of is not None else assembly.n_layers // 2
     chosen = np.isin(assembly.layer[assembly.free_blocks], (lower, lower + 1))
     of_blocks = contact_measures(state).per_block
@@ -106,7 +106,7 @@ def test_middle_of_longer_tubes_tends_to_the_cell() -> None:
 def test_cell_is_in_balance(cell: Answer) -> None:
     # Nothing pushes the cell along its axis, so both interfaces carry the same axial force, and
     # the sector gives the digits of the whole ring: to the residuals.
-    deformable = cell.details.deformable
+    deformable = cell.details.whole
     exact = StaticOptions(tolerance=1e-11)
     result = static_state(deformable, exact)
     force, _ = pair_resultants(result)
@@ -186,7 +186,7 @@ def test_hexagon_blocks_have_a_cell() -> None:
     scene = scene_of(*mesh, "fem.symmetry='periodic cell'", case="thb0-tunnel")
     run = on_its_mesh(scene, method="static")
     assert run.details.evidence.converged
-    sparse = static_state(run.details.deformable, StaticOptions(method=StaticMethod.SPARSE))
+    sparse = static_state(run.details.whole, StaticOptions(method=StaticMethod.SPARSE))
     np.testing.assert_allclose(
         sparse.contact_state.pressures,
         run.details.contact_state.pressures,

@@ -108,7 +108,7 @@ def test_supports_that_lean_have_axes_of_their_own(program, tmp_path: Path) -> N
     path = write_deck(problem, tmp_path / "case.inp", program=program)
     with pytest.raises(DeckError, match=r"\*Transform is not read"):
         read_deck(path)
-    (moved,) = by_block(static_state(problem.deformable))[None] @ turn
+    (moved,) = by_block(static_state(problem.system))[None] @ turn
     places = (blocks.nodes(0) - 1.0) @ turn
     assert moved[:, 0] == pytest.approx(0.01 * places[:, 0] / 20.0, abs=1e-9)
     # Free along y and z: strain 33 / E - 0.2 (0.01 / 20 E + 0.2 33) / E.

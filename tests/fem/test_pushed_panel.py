@@ -34,7 +34,7 @@ class Pushed:
 
 def pushed(case: Case) -> Pushed:
     problem = case.problem
-    deformable = problem.deformable
+    deformable = problem.system
     result = static_state(deformable, static_options(problem, case.method))
     (curve,) = push_curves_of(result)
     return Pushed(result, curve)

@@ -123,7 +123,7 @@ def test_frequencies_are_those_of_the_facets_that_face_each_other() -> None:
     tube = load_case("tsb1-pipe", small)
     alike = column(*[(WIDE, (4, 4, 2))] * 3)
     for case, rel in ((alike, 1e-9), (tube, 1e-3)):
-        deformable = case.problem.deformable
+        deformable = case.problem.system
         matched, searched = (
             block_frequencies(timed_system(stated).system, 0.01)
             for stated in (deformable, in_contact(deformable, finite_sliding=True))
@@ -132,7 +132,7 @@ def test_frequencies_are_those_of_the_facets_that_face_each_other() -> None:
         assert searched.lowest == pytest.approx(matched.lowest, rel=rel)
     # Vertical motion of rigid blocks is uniform on a joint: its frequency depends on area alone.
     found, expected = (
-        block_frequencies(timed_system(rigid(case.problem.deformable)).system, 0.01)
+        block_frequencies(timed_system(rigid(case.problem.system)).system, 0.01)
         for case in (column(*CROSSING), alike)
     )
     assert found.excited == pytest.approx(expected.excited, rel=1e-9)
@@ -259,7 +259,7 @@ def test_an_overlap_that_no_facet_matches_is_refused() -> None:
     """Boxes 0.05 mm in each other, beyond the law's curve: named with their depth."""
     scene = column(*CROSSING, contact={"law": "exponential"})
     problem = scene.problem
-    problem.deformable.offsets[1:, 2] -= 0.05
+    problem.system.offsets[1:, 2] -= 0.05
     method = Explicit(damping="static")
     with pytest.raises(RefusedError, match=r"deepest 0.05 mm between blocks"):
         solve_explicit(problem, method)

@@ -154,10 +154,10 @@ def test_deformable_frames_are_softer_than_rigid_ones(coarse):
     work of the loads can only grow when supports are released."""
     held = static_state(pipe(frames=Frames.DEFORMABLE))
     assert load_work(held) > load_work(coarse)
-    sparse = static_state(held.deformable, StaticOptions(method=StaticMethod.SPARSE, symmetry=2))
+    sparse = static_state(held.whole, StaticOptions(method=StaticMethod.SPARSE, symmetry=2))
     same(held, sparse, 1e-6)
-    nodes = np.unique(held.deformable.assembly.shapes[1].faces["bottom"])
-    frame = int(held.deformable.group_of[0])
+    nodes = np.unique(held.whole.assembly.shapes[1].faces["bottom"])
+    frame = int(held.whole.body_number[0])
     assert (held.displacements[frame][:, nodes] == 0.0).all()
 
 

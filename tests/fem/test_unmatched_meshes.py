@@ -53,7 +53,7 @@ def test_rigid_and_static_joints_carry_the_weight(angle: float) -> None:
     # The search cuts the facets of the finer surface by those of the coarser one.
     assert rigid.contacts["area"].sum() == pytest.approx(60.0 * 40.0, rel=1e-9)
     static = solve_static(problem, Static(mesh="scene"))
-    assert static.details.deformable.contact.finite_sliding
+    assert static.details.whole.contact.finite_sliding
     # The residual is 1e-8 of the load.
     for answer in (rigid, static):
         # Forces are those on the second block of each contact.

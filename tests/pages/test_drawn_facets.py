@@ -29,7 +29,7 @@ def test_joints_are_drawn_in_pieces_of_a_uniform_pressure(degree: int) -> None:
 def test_stresses_below_a_picture_are_those_of_the_block_that_the_table_names() -> None:
     small = list(coarse(1, 4))
     run = on_its_mesh("tsb1-pipe", small, method="static")
-    blocks = run.details.deformable
+    blocks = run.details.whole
     for stress in STRESSES:
         place = run[stress.measure].place
         assert place is not None

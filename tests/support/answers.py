@@ -32,7 +32,7 @@ def on_its_mesh(
 
 def by_options(problem: Problem, options: StaticOptions | None = None) -> Answer:
     """Static answer on the mesh of a problem, by options of the solver that no scene has."""
-    return answer_of(static_state(problem.deformable, options), problem=problem)
+    return answer_of(static_state(problem.system, options), problem=problem)
 
 
 def both_kinds(case: Case, *, explicit: bool = False) -> tuple[Answer, ...]:

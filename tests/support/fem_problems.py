@@ -20,7 +20,7 @@ from geometry.mesh import FloatArray, HexMesh, boundary_quads
 def deformable_assembly(assembly, load, material, **stated) -> System:
     """Deformable blocks of a statement in any units; what is None is as a statement has it."""
     given = {name: value for name, value in stated.items() if value is not None}
-    return Problem(assembly, load, material, **given, check_units=False).deformable
+    return Problem(assembly, load, material, **given, check_units=False).system
 
 
 CONCRETE = Material(density=2.4e-9, young_modulus=30_000.0, poisson_ratio=0.2)
@@ -90,7 +90,7 @@ def pair_resultants(result: State) -> tuple[FloatArray, FloatArray]:
         (n_pairs, 3) [N] and (n_pairs, 3) [N mm], pairs as in the surfaces' `pair_start`. The
         moment takes forces at the reference positions of block s.
     """
-    deformable, surfaces = result.deformable, result.points
+    deformable, surfaces = result.whole, result.points
     corners = np.split(contact_corner_forces(result), 2, axis=1)[1]
     where = np.empty_like(corners)
     for block in np.unique(surfaces.block_s):
@@ -108,15 +108,15 @@ def contact_corner_forces(result: State) -> FloatArray:
 
     World axes; friction is not in them.
     """
-    deformable, surfaces = result.deformable, result.points
+    deformable, surfaces = result.whole, result.points
     displacement = corner_displacements(deformable, result.displacements, surfaces)
     return surfaces.nodal_forces(displacement, result.pressures)
 
 
 def by_block(state: State) -> FloatArray:
     """Displacements of all nodes, block by block, (n, 3) [mm]."""
-    system = state.deformable
-    places = zip(system.group_of.tolist(), system.copy_of.tolist(), strict=True)
+    system = state.whole
+    places = zip(system.body_number.tolist(), system.copy_of.tolist(), strict=True)
     return np.concatenate([state.displacements[g][c] for g, c in places if g >= 0])
 
 
@@ -142,4 +142,4 @@ def still(system: System, displacements: Sequence[FloatArray]) -> None:
     """Set displacements of each body, (n_copies, n_nodes, 3), to zero at supported nodes."""
     rows = system.supports
     for block, node in zip(rows.block.tolist(), rows.node.tolist(), strict=True):
-        displacements[int(system.group_of[block])][system.copy_of[block], node] = 0.0
+        displacements[int(system.body_number[block])][system.copy_of[block], node] = 0.0

@@ -95,7 +95,7 @@ def lone_bodies(
     system = System(
         assembly=assembly,
         bodies=tuple(bodies),
-        group_of=body_of,
+        body_number=body_of,
         copy_of=np.concatenate(copies),
         offsets=np.zeros((n, 3)),
         surfaces=contact_surfaces(assembly, np.zeros((n, 3)), clearance=0.0),

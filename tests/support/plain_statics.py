@@ -138,7 +138,7 @@ class PlainState(NamedTuple):
 
 def plain_arrays(problem: Problem) -> Plain:
     """Numbers of a problem with pressures on named faces, whole blocks fixed and faces held."""
-    blocks, load = problem.deformable.assembly, problem.load_case
+    blocks, load = problem.system.assembly, problem.load_case
     degree, material = problem.degree, problem.materials[0]
     moves = np.flatnonzero(~load.fixed)
     sizes = np.where(
@@ -338,7 +338,7 @@ def plain_path(problem: Problem, path: Sequence[tuple[float, float]]) -> PlainSt
 
 def plain_searched(problem: Problem) -> PlainState:
     """Equilibrium under the whole load at once on the points that a search finds there."""
-    arrays, deformable = plain_arrays(problem), problem.deformable
+    arrays, deformable = plain_arrays(problem), problem.system
     search, state = facing_points(deformable.computed), _rest(problem, arrays)
     for _ in range(40):
         found = points_of_search(search, problem.clearance)
@@ -369,7 +369,7 @@ def plain_searched(problem: Problem) -> PlainState:
             break
         world: list[list[FloatArray]] = [[] for _ in deformable.bodies]
         of_blocks = iter(displacements(problem, state))
-        for group in deformable.group_of[deformable.group_of >= 0]:
+        for group in deformable.body_number[deformable.body_number >= 0]:
             world[group].append(next(of_blocks))
         search.displace(tuple(np.stack(of) for of in world))
         search.search()

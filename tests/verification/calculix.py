@@ -156,10 +156,10 @@ def calculix_through_converter(deck: Deck, folder: Path) -> CalculixResult:
 
 def flat_displacements(deck: Deck, result: State) -> np.ndarray:
     """Our displacements in the node order of a flat deck, (n_nodes, 3) [mm]."""
-    deformable = deck.problem.deformable
+    deformable = deck.problem.system
     parts = []
     for block in range(deck.assembly.n_blocks):
-        group, copy = int(deformable.group_of[block]), int(deformable.copy_of[block])
+        group, copy = int(deformable.body_number[block]), int(deformable.copy_of[block])
         still = np.zeros_like(deck.assembly.shape(block).mesh.nodes)
         parts.append(still if group < 0 else result.displacements[group][copy])
     return np.concatenate(parts)
@@ -186,7 +186,7 @@ def _column_rows(
     case: str, theirs: CalculixResult, deck: Deck, allowed: float = 1e-3
 ) -> list[CheckRow]:
     """Uniform state: only the table of the law differs, which allows 0.1 %."""
-    ours = static_state(deck.problem.deformable)
+    ours = static_state(deck.problem.system)
     cpu = theirs.cpu_seconds, ours.evidence.cpu_seconds["total"]
     moved = (
         float(theirs.displacements[:, 2].min()),
@@ -233,7 +233,7 @@ def tube_rows(folder: Path, divisions: SineBlockDivisions) -> list[CheckRow]:
     """
     deck = tube_deck(divisions)
     theirs = calculix_of(deck, folder)
-    deformable = deck.problem.deformable
+    deformable = deck.problem.system
     ours = static_state(deformable)
     angle = half_facet_angle(deck.assembly.shape(4), "top")
     cpu = theirs.cpu_seconds, ours.evidence.cpu_seconds["total"]
@@ -263,7 +263,7 @@ def bar_rows(folder: Path) -> list[CheckRow]:
     deck = bar_deck()
     theirs = calculix_of(deck, folder)
     start, end = time.process_time(), BAR_RUN.end_time
-    stated = timed_system(deck.problem.deformable, ramp_time=0.0, end_time=end)
+    stated = timed_system(deck.problem.system, ramp_time=0.0, end_time=end)
     ours = run_explicit(stated, BAR_RUN)
     cpu = theirs.cpu_seconds, time.process_time() - start
     moved = float(theirs.displacements[:, 0].min()), float(ours.displacements[0][0][:, 0].min())

@@ -327,14 +327,14 @@ def told(scene: DeformableScene, name: str, answer: Answer, built: dict[str, flo
 def _notes(scene: DeformableScene, answer: Answer) -> Iterator[tuple[str, str]]:
     """What no key of the scene says of its blocks and elements, by the name of the row."""
     rigid = answer.method == "rigid"
-    assembly = answer.details.blocks if rigid else answer.details.deformable.assembly
+    assembly = answer.details.blocks if rigid else answer.details.whole.assembly
     if isinstance(scene, PolyhedralScene):
         from validation.build.readings import solid_notes
 
         yield from solid_notes(scene, answer)
     if rigid:
         return
-    bodies = answer.details.deformable.bodies
+    bodies = answer.details.whole.bodies
     ratio = max(body.material.poisson_ratio for body in bodies)
     if ratio >= NEARLY_INCOMPRESSIBLE and bodies[0].element not in _MEAN_STRESS:
         yield (
@@ -356,7 +356,7 @@ def _notes(scene: DeformableScene, answer: Answer) -> Iterator[tuple[str, str]]:
 
 def _title(name: str, scene: DeformableScene, solution: State) -> str:
     """Scene, load, method and mesh, for pictures."""
-    d, each = solution.deformable, ""
+    d, each = solution.whole, ""
     solved = d.bodies[0].mesh
     degree = f" of degree {solved.degree}" if solved.degree > 1 else ""
     if isinstance(scene, RoundScene):

@@ -35,7 +35,7 @@ def solid_notes(scene: PolyhedralScene, answer: Answer) -> Iterator[tuple[str, s
             yield "edges", STRAIGHT_EDGES
         yield from _doubts(scene, blocks, solids).items()
         return
-    system = answer.details.deformable
+    system = answer.details.whole
     surfaces = build_polyhedra(scene) if system.meets else None
     yield from _doubts(scene, system.assembly, surfaces).items()
     bare = [] if surfaces is None else bare_joints(surfaces)

@@ -347,7 +347,7 @@ def _joints(answer: Answer) -> JointResultants | None:
         return details.joints if details.holds else None
     from fem.answer.forces import joints_of
 
-    return joints_of(details) if details.deformable.meets else None
+    return joints_of(details) if details.whole.meets else None
 
 
 def _push_curves(answer: Answer) -> tuple[PushCurve, ...]:
@@ -394,10 +394,10 @@ def _deformable_pictures(answer: Answer) -> dict[str, Callable[[Answer], Figure]
     from validation.output.pictures import tubes
 
     result: dict[str, Callable[[Answer], Figure]] = {}
-    if answer.details.deformable.meets:
+    if answer.details.whole.meets:
         result["contact_pressures.png"] = tubes.draw_contact
     result["stresses.png"] = tubes.draw_stresses
-    if is_round(answer.details.deformable.assembly):
+    if is_round(answer.details.whole.assembly):
         result["displacement.png"] = tubes.draw_displacement
     return result
 

@@ -300,7 +300,7 @@ def input_json(deck: InputDeck) -> dict[str, Any]:
         "procedure": "explicit" if step.explicit else "static",
         "duration": step.duration,
         "large_rotations": step.large_rotations,
-        **problem_json(problem, element, meets=problem.deformable.meets),
+        **problem_json(problem, element, meets=problem.system.meets),
         "remarks": deck.model.notes,
         "without_influence": list(deck.without_influence),
     }

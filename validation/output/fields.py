@@ -121,11 +121,11 @@ def write_solution(found: State, path: Path) -> None:
     """Write the fields of a solution as cells of the degree of its elements."""
     write_fields(
         path,
-        found.deformable.bodies,
+        found.whole.bodies,
         found.displacements,
         finite_rotation=found.finite_rotation,
         recovered=recovered_of(found),
-        owners=element_owners(found.deformable),
+        owners=element_owners(found.whole),
     )
 
 
@@ -144,19 +144,19 @@ def point_data(groups: Sequence[Body], recovered: Sequence[Recovered]) -> dict[s
 def element_owners(deformable: System) -> dict[str, NDArray[np.int32]]:
     """Block, its layer and its group of each element of `groups_mesh`, (n_elements,)."""
     block: list[NDArray[np.int32]] = []
-    group_of: list[NDArray[np.int32]] = []
+    body_number: list[NDArray[np.int32]] = []
     for number, group in enumerate(deformable.bodies):
-        own = np.flatnonzero(deformable.group_of == number)
+        own = np.flatnonzero(deformable.body_number == number)
         copies = np.full(group.n_copies, -1)
         # Images of a block stand for the copy of their original: the first named is itself.
         copies[deformable.copy_of[own[::-1]]] = own[::-1]
         block.append(np.repeat(copies, group.mesh.n_elements).astype(np.int32))
-        group_of.append(np.full(len(block[-1]), number, dtype=np.int32))
+        body_number.append(np.full(len(block[-1]), number, dtype=np.int32))
     blocks = np.concatenate(block)
     return {
         "block": blocks,
         "layer": deformable.assembly.layer[blocks].astype(np.int32),
-        "group": np.concatenate(group_of),
+        "group": np.concatenate(body_number),
     }
 
 

@@ -228,7 +228,7 @@ def _views(report: SceneReport) -> list[View3d]:
         title = f"{rigid.title}; {words}{layer_words(layers)}"
         views.append(pressure_view(rigid, title, "rigid", layers))
     if run is not None:
-        layers = middle_layers(run.details.deformable.assembly)
+        layers = middle_layers(run.details.whole.assembly)
         title = f"{run.title}; σ₁{layer_words(layers)}"
         views.append(stress_view(run, title, "deformable", layers))
     return views

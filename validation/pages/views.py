@@ -75,7 +75,7 @@ def pressure_view(
 def stressed(answer: Answer, layers: Sequence[int] | None = None) -> tuple[View, Scale]:
     """All faces of deformable blocks, coloured by σ₁, moved by exaggerated displacement."""
     solution: State = answer.details
-    deformable = solution.deformable
+    deformable = solution.whole
     scale, factor = stress_scale(solution), drawing_scale(solution)
     some = _in_layers(deformable.assembly.layer, layers)
     shown = np.intersect1d(deformable.deformable_blocks, some).tolist()

@@ -72,7 +72,7 @@ def deformable(
         normals=ContactNormals.REFERENCE,
         clearance=clearance,
         check_units=False,
-    ).deformable
+    ).system
 
 
 def one_block(

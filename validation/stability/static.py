@@ -142,7 +142,7 @@ def turning_normals() -> CaseVerdict:
     load = named_load("tunnel", 0.01).on(assembly)
     stated = Problem(assembly, load, CONCRETE, clearance=0.1, check_units=False)
     words = ("no equilibrium found", "use an explicit run")
-    return rejected(lambda: static_state(stated.deformable), StaticError, *words)
+    return rejected(lambda: static_state(stated.system), StaticError, *words)
 
 
 @case()
@@ -150,7 +150,7 @@ def cell_that_nothing_holds() -> CaseVerdict:
     """A periodic cell floats: balance, the same by sector and ring, sparse and condensed."""
     assembly = HexagonTube(HexagonBlock(4, 120.0, 40.0), HexagonBlockDivisions(4, 2), 2).cell()
     load = named_load("tunnel", 0.01).on(assembly)
-    stated = Problem(assembly, load, CONCRETE, check_units=False).deformable
+    stated = Problem(assembly, load, CONCRETE, check_units=False).system
     condensed = StaticOptions(method=StaticMethod.CONDENSED)
     ring = static_state(stated, replace(condensed, symmetry=1))
     sector = static_state(stated, condensed)

@@ -156,7 +156,7 @@ def fem_results(case: Case) -> tuple[dict[str, Any], list[str]]:
     result |= {
         "residual": answer.details.residual,
         "energy_balance": energy_balance(answer.details),
-        "n_elements": answer.details.deformable.n_elements,
+        "n_elements": answer.details.whole.n_elements,
         **_built(answer.report["dimensions"]),
     }
     remarks = [f"{', '.join(names)}: {remark}" for remark, names in named.items()]

@@ -75,7 +75,7 @@ class InputDeck:
         problem = self.problem()
         if problem.load_case.fixed.all():
             raise DeckError(f"{self.name}: every block is fixed; expected one that deforms")
-        _ = problem.deformable
+        _ = problem.system
         return tuple(self.model.notes)
 
     @property

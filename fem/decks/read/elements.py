@@ -113,17 +113,17 @@ def _split(nodes: FloatArray, elements: IntArray) -> Hexahedra:
 
 
 def middles(
-    nodes: FloatArray, groups: IntArray, there: IntArray | None
+    nodes: FloatArray, bodies: IntArray, there: IntArray | None
 ) -> tuple[FloatArray, IntArray]:
     """Nodes in the middle of groups of nodes (n, m, k), added once each, or those that are there.
 
     Returns
     -------
     tuple[FloatArray, IntArray]
-        All nodes; the middle of each group, (n, m).
+        All nodes; the middle of each body, (n, m).
     """
     if there is not None:
         return nodes, there
-    unique, number = np.unique(groups.reshape(-1, groups.shape[2]), axis=0, return_inverse=True)
+    unique, number = np.unique(bodies.reshape(-1, bodies.shape[2]), axis=0, return_inverse=True)
     added = nodes[unique].mean(axis=1)
-    return np.concatenate([nodes, added]), len(nodes) + number.reshape(groups.shape[:2])
+    return np.concatenate([nodes, added]), len(nodes) + number.reshape(bodies.shape[:2])

@@ -123,7 +123,7 @@ def _seen(
     facets, quads = facets[order], quads[order]
     share = np.broadcast_to(system.orbits.share, (points.n_facets, 1))[facets, 0]
     shapes = (int(system.whole.assembly.shape_of[b]) for b in (m, s))
-    groups = (int(system.whole.group_of[b]) for b in (m, s))
+    bodies = (int(system.whole.body_number[b]) for b in (m, s))
     parts = (quads[:, 0].tobytes(), quads[:, 1].tobytes(), share.tobytes())
     return _Pair(
         blocks=(m, s),
@@ -131,7 +131,7 @@ def _seen(
         begins=corners[turn][order],
         quads=quads,
         share=share,
-        key=(*shapes, *groups, *_kind(system, m, s), *parts),
+        key=(*shapes, *bodies, *_kind(system, m, s), *parts),
         rotation=frames[m].T @ frames[s],
         translation=frames[m].T @ (origins[s] - origins[m]),
     )
@@ -176,7 +176,7 @@ def _join(system: Sector, pairs: list[_Pair], copy_of: IntArray) -> AlikePairs:
     x_s = x_s @ first.rotation.T + first.translation
     blocks = np.array([pair.blocks for pair in pairs], dtype=np.int64)
     return AlikePairs(
-        groups=(int(system.whole.group_of[m]), int(system.whole.group_of[s])),
+        groups=(int(system.whole.body_number[m]), int(system.whole.body_number[s])),
         copies=np.maximum(copy_of[blocks], 0),
         blocks=blocks,
         nodes=nodes.astype(np.int64),

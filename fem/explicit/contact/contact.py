@@ -60,8 +60,8 @@ class BlockContact(Interaction):
             stated = loop.stated
             bulk = critical_time_step(stated.bodies, stated.effects)
             square = 4.0 / loop.time_step**2 - 4.0 / bulk.critical_time_step**2
-            groups = zip(stated.contact_areas, stated.bodies, strict=True)
+            bodies = zip(stated.contact_areas, stated.bodies, strict=True)
             self._allowed = square / max(
-                float((areas / group.lumped_mass).max()) for areas, group in groups
+                float((areas / body.lumped_mass).max()) for areas, body in bodies
             )
         return self._allowed

@@ -256,10 +256,10 @@ def _first_copies(
     """
     real = len(np.unique(chosen))
     first = []
-    for side, group in enumerate(pairs.groups):
+    for side, body in enumerate(pairs.groups):
         copies = pairs.copies[chosen[:real], side]
         follows = bool((np.diff(copies) == 1).all())
-        fits = group >= 0 and copies[0] + len(chosen) <= bodies[group].lanes
+        fits = body >= 0 and copies[0] + len(chosen) <= bodies[body].lanes
         first.append(int(copies[0]) if follows and fits else -1)
     return first[0], first[1]
 
@@ -267,9 +267,9 @@ def _first_copies(
 def _rows(pairs: AlikePairs, bodies: tuple[LaneBody, ...]) -> IntArray:
     """Body rows of the node pairs, (n_nodes, 2); -1 for rigid blocks."""
     rows = np.full(pairs.nodes.shape, -1, dtype=np.int64)
-    for side, group in enumerate(pairs.groups):
-        if group >= 0:
-            rows[:, side] = bodies[group].rows.row[pairs.nodes[:, side]]
+    for side, body in enumerate(pairs.groups):
+        if body >= 0:
+            rows[:, side] = bodies[body].rows.row[pairs.nodes[:, side]]
     return rows
 
 
@@ -292,7 +292,7 @@ def _reference_normals(pairs: tuple[AlikePairs, ...]) -> FloatArray:
 def _collections(
     data: UnitArrays, one_side: int, bodies: tuple[LaneBody, ...]
 ) -> tuple[Collection | None, ...]:
-    """List for each applied row of each group what acts on it; ``one_side`` counts its forces."""
+    """List for each applied row of each body what acts on it; ``one_side`` counts its forces."""
     rows, entries, groups = [], [], []
     for unit, (kind, width, _, lane, start, _, *copies) in enumerate(data.units):
         first, last = data.alike[kind, 0], data.alike[kind + 1, 0]

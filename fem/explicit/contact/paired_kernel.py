@@ -3,7 +3,7 @@
 Work is cut into *units*: some alike pairs of blocks (`fem.explicit.contact.alike_pairs`),
 which are the lanes of the vector unit. A unit gathers the differences and means of the positions
 at its node pairs, works facet by facet on them, and leaves forces on differences and means in
-arrays of its own; then each group collects the forces on its rows. Units and rows belong to one
+arrays of its own; then each body collects the forces on its rows. Units and rows belong to one
 thread each: nothing is shared, and one and two threads give the same bits.
 
 The plain twins of the facet loop are the methods `kinematics` and `nodal_forces` of
@@ -544,7 +544,7 @@ def contact_forces(data, displacements, work, law, normals, rubbing, wide, four,
 
 
 class Collection(NamedTuple):
-    """Which forces act on the applied rows of one group."""
+    """Which forces act on the applied rows of one body."""
 
     chunks: IntArray
     """Boundaries of pieces of applied rows, (n_chunks + 1,)."""
@@ -586,14 +586,14 @@ def _collect_chunk(c, collection, data, work, lanes, applied):
 
 @serial_and_parallel
 def collect_forces(collection, data, work, lanes, applied):
-    """Add the forces of all units to the applied forces of one group.
+    """Add the forces of all units to the applied forces of one body.
 
     Parameters
     ----------
     collection, data, work
         Which forces act, constant and work arrays.
     lanes
-        Lanes of the group.
+        Lanes of the body.
     applied
         Flat (n_applied, 3, lanes), updated.
     """

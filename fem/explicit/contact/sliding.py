@@ -48,7 +48,7 @@ _AT_REST = 1e-6
 
 
 class _Group(NamedTuple):
-    """Surface of one group."""
+    """Surface of one body."""
 
     where: slice
     """Its nodes among those of all."""
@@ -243,7 +243,7 @@ class SlidingContact(BlockContact):
 
 
 def _group(points: FacingPoints, number: int, body: LaneBody) -> _Group:
-    """Collect the surface nodes of one group, which follow each other."""
+    """Collect the surface nodes of one body, which follow each other."""
     surfaces = points.surfaces
     members = [k for k, s in enumerate(surfaces) if s.group == number]
     if not members:

@@ -201,7 +201,7 @@ def sliding_forces(position, quads, points, law, slip, dissipated, gap, force):
 
 
 class SurfaceNodes(NamedTuple):
-    """Surface nodes of one group."""
+    """Surface nodes of one body."""
 
     reference: FloatArray
     """R X + t of each node, (n, 3) [mm]."""

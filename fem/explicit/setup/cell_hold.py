@@ -84,8 +84,8 @@ def cell_motions(
     def by_group(motions: FloatArray) -> tuple[FloatArray, ...]:
         slots = [system.slot_of[mine] for mine in stated.blocks]
         return tuple(
-            np.stack([motions[:, system.nodes_of(int(slot))] for slot in group], axis=1)
-            for group in slots
+            np.stack([motions[:, system.nodes_of(int(slot))] for slot in body], axis=1)
+            for body in slots
         )
 
     return by_group(everywhere.motions), by_group(at_contacts.motions)

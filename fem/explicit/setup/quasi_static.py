@@ -47,17 +47,17 @@ class BlockFrequencies:
     """Lowest of those that the loads excite [Hz]; `lowest` when nothing is loaded."""
 
 
-def motions_about_centroid(group: Body, points: FloatArray) -> FloatArray:
+def motions_about_centroid(body: Body, points: FloatArray) -> FloatArray:
     """Displacements of points by unit translations and turns about the mass centroid.
 
     Turns are scaled by the radius of inertia, so all six columns are lengths; (n, 3, 6).
     """
-    centroid, radius = _centre(group)
+    centroid, radius = _centre(body)
     return rigid_motions((points - centroid) / radius)
 
 
-def _centre(group: Body) -> tuple[FloatArray, float]:
-    mass, nodes = group.lumped_mass, group.mesh.nodes
+def _centre(body: Body) -> tuple[FloatArray, float]:
+    mass, nodes = body.lumped_mass, body.mesh.nodes
     centroid: FloatArray = mass @ nodes / mass.sum()
     radius = np.sqrt((mass @ (nodes - centroid) ** 2).sum() / mass.sum())
     return centroid, float(radius)
@@ -75,12 +75,12 @@ def block_frequencies(system: Sector, pressure: float) -> BlockFrequencies:
     motions, n = np.zeros((system.n_nodes + 1, 3, 6)), system.n_slots
     mass, stiffness = np.zeros((n, 6, 6)), np.zeros((n + 1, n + 1, 6, 6))
     for slot in range(n):
-        group, rows = system.body(slot), system.nodes_of(slot)
-        motions[rows] = motions_about_centroid(group, group.mesh.nodes)
-        mass[slot] = np.einsum("n,nij,nik->jk", group.lumped_mass, motions[rows], motions[rows])
-        if group.springs is not None:
+        body, rows = system.body(slot), system.nodes_of(slot)
+        motions[rows] = motions_about_centroid(body, body.mesh.nodes)
+        mass[slot] = np.einsum("n,nij,nik->jk", body.lumped_mass, motions[rows], motions[rows])
+        if body.springs is not None:
             flat = motions[rows].reshape(-1, 6)
-            stiffness[slot, slot] += flat.T @ (group.springs.stiffness @ flat)
+            stiffness[slot, slot] += flat.T @ (body.springs.stiffness @ flat)
     _add_contact(stiffness, system, motions, pressure)
     block_of = np.repeat(np.arange(n), np.diff(system.node_start))
     load = np.zeros((n, 6))
@@ -119,8 +119,8 @@ def _add_contact(
     nodes = motions[points.rows].reshape(-1, 2, per_side, 3, 6)
     gaps = np.einsum("fpbai,fbik,fbakj->fpbj", split, points.axes, nodes, optimize=True)
     sides = np.stack([system.slot_of[points.block_m], system.slot_of[points.block_s]], axis=1)
-    groups = map(system.body, range(system.n_slots))
-    yields = [_centre(group)[1] / group.material.young_modulus for group in groups]
+    bodies = map(system.body, range(system.n_slots))
+    yields = [_centre(body)[1] / body.material.young_modulus for body in bodies]
     compliance = 1.0 / law.stiffness(law.overclosure(pressure))
     compliance = compliance + np.array([*yields, 0.0])[sides].sum(axis=1)
     weights = points.weights / np.reshape(compliance, (-1, 1))
@@ -142,10 +142,10 @@ def _free_motions(system: Sector, motions: FloatArray, block_of: IntArray) -> Fl
     return np.asarray(scipy.linalg.block_diag(*parts))
 
 
-def _bar_frequency(group: Body) -> float:
+def _bar_frequency(body: Body) -> float:
     """Lowest frequency of a bar as long as a block that is held at one end [Hz]."""
-    longest = float(np.ptp(group.mesh.nodes, axis=0).max())
-    return group.material.bar_wave_speed / (4.0 * longest)
+    longest = float(np.ptp(body.mesh.nodes, axis=0).max())
+    return body.material.bar_wave_speed / (4.0 * longest)
 
 
 #: Contact pressure about which frequencies are estimated [MPa].

@@ -157,30 +157,30 @@ def check_timed(
 
 
 def _sector(
-    deformable: System,
+    system: System,
     symmetry: Literal["auto", "none", "sector"],
     motion: Motion | None,
 ) -> Sector:
     """Blocks that shape, loads, supports and motion at the start make equal."""
-    if symmetry == "none" or not deformable.meets:
-        return deformable.computed
+    if symmetry == "none" or not system.meets:
+        return system.computed
     moving = [] if motion is None else [motion.velocity, motion.angular_velocity]
-    if any(np.abs(np.cross(deformable.assembly.axis, way)).max() > 0.0 for way in moving):
+    if any(np.abs(np.cross(system.assembly.axis, way)).max() > 0.0 for way in moving):
         if symmetry == "sector":
             raise SymmetryError(
                 'symmetry: got "sector", but blocks move across the axis at the start; expected '
                 '"auto" or "none"'
             )
-        return deformable.computed
+        return system.computed
     if symmetry == "sector":
-        require_sector(deformable)
-    half = symmetry == "auto" and motion is None and not deformable.contact.finite_sliding
-    return largest_sector(deformable, half_turn=half)
+        require_sector(system)
+    half = symmetry == "auto" and motion is None and not system.contact.finite_sliding
+    return largest_sector(system, half_turn=half)
 
 
-def _end_of_motion(deformable: System) -> float:
+def _end_of_motion(system: System) -> float:
     """When supports that move have arrived [s]; 0 without any."""
-    moving = deformable.supports.tables
+    moving = system.supports.tables
     ends = [s.times[-1] for s in moving if isinstance(s, TabularAmplitude) and s is not ALL_THE_WAY]
     return max(ends, default=0.0)
 
@@ -285,7 +285,7 @@ def _at_start(system: Sector) -> Sector:
 
 
 def _representatives(system: Sector) -> tuple[IntArray, ...]:
-    """Representative blocks of each group in the order of their copies.
+    """Representative blocks of each body in the order of their copies.
 
     Blocks at the same place in every second layer follow each other: then so do the blocks
     they touch, and contact finds both in neighbouring lanes.
@@ -299,5 +299,5 @@ def _representatives(system: Sector) -> tuple[IntArray, ...]:
     )
     order = np.lexsort((assembly.layer, place, assembly.layer % 2))
     stands = order[representative[order] == order]
-    groups = system.whole.group_of[stands]
-    return tuple(stands[groups == g] for g in range(len(system.whole.bodies)))
+    bodies = system.whole.body_number[stands]
+    return tuple(stands[bodies == g] for g in range(len(system.whole.bodies)))

@@ -365,7 +365,7 @@ class Chain:
         return [(force, np.concatenate([motions[s] for s in slots])) for force, slots in pairs]
 
 
-class Part(NamedTuple):
+class LevelPoints(NamedTuple):
     """Points of one level of a block."""
 
     level: int
@@ -380,7 +380,7 @@ class Part(NamedTuple):
 def add_block(
     levels: Sequence[Level],
     place: tuple[int, slice],
-    parts: Sequence[Part],
+    parts: Sequence[LevelPoints],
     between: Callable[[Any, Any], FloatArray],
 ) -> None:
     """Add a block to levels.

@@ -121,12 +121,12 @@ class CondensedBlock:
         return springs
 
 
-def condense(group: Body, retained: IntArray) -> CondensedBlock:
+def condense(body: Body, retained: IntArray) -> CondensedBlock:
     """Eliminate all nodes of a block but the retained ones, (n_c,), sorted and unique."""
-    elements_of, n_nodes = group.mesh.connectivity, group.n_nodes
+    elements_of, n_nodes = body.mesh.connectivity, body.n_nodes
     uses = np.bincount(elements_of.ravel(), minlength=n_nodes)
     uses[retained] += 1
-    centres = group.mesh.nodes[elements_of].mean(axis=1)
+    centres = body.mesh.nodes[elements_of].mean(axis=1)
     # A brick of so many trilinear elements has about as many nodes as one of degree three.
     leaf = _LEAF_ELEMENTS if elements_of.shape[1] == 8 else 1
     parts: list[Elimination] = []
@@ -134,7 +134,7 @@ def condense(group: Body, retained: IntArray) -> CondensedBlock:
     def visit(elements: IntArray) -> tuple[IntArray, IntArray, FloatArray]:
         """Boundary nodes of a set of elements, their uses in it, condensed stiffness (lower)."""
         if len(elements) <= leaf:
-            pieces = _element_pieces(elements_of[elements], group.element_stiffness(elements))
+            pieces = _element_pieces(elements_of[elements], body.element_stiffness(elements))
         else:
             pieces = [visit(half) for half in _halves(elements, elements_of, centres)]
         nodes = np.unique(np.concatenate([own for own, _, _ in pieces]))
@@ -301,13 +301,13 @@ class Flexibility:
     """Rigid motions that the supports leave, rotations times ℓ; (n_free, 0 … 6)."""
 
 
-def block_motions(group: Body, nodes: IntArray) -> FloatArray:
+def block_motions(body: Body, nodes: IntArray) -> FloatArray:
     """Translations, and rotations about the mean of all nodes times ℓ, at nodes; (3 n, 6).
 
     That mean, not the mass centroid: no bit of a static answer shall hang on the density. ℓ is the
     cube root of the volume of the block's bounding box, so all six are of order one.
     """
-    points = group.mesh.nodes
+    points = body.mesh.nodes
     arm = (points[nodes] - points.mean(axis=0)) / np.cbrt(np.prod(np.ptp(points, axis=0)))
     return rigid_motions(arm).reshape(-1, 6)
 
@@ -340,7 +340,7 @@ def _unresisted(stiffness: FloatArray, rigid: FloatArray) -> FloatArray:
 
 
 def flexibility_of(
-    group: Body, condensed: CondensedBlock, axes: csr_array | None, is_free: BoolArray
+    body: Body, condensed: CondensedBlock, axes: csr_array | None, is_free: BoolArray
 ) -> Flexibility:
     """Return the flexibility of a block on its retained variables.
 
@@ -348,7 +348,7 @@ def flexibility_of(
     variables are not prescribed, (3 n_c,).
     """
     stiffness = condensed.stiffness
-    rigid = block_motions(group, condensed.retained)
+    rigid = block_motions(body, condensed.retained)
     if axes is not None:
         stiffness = axes.T @ (axes.T @ stiffness.T).T
         rigid = axes.T @ rigid
@@ -357,7 +357,7 @@ def flexibility_of(
         # Motions that no prescribed component feels.
         rigid = rigid @ scipy.linalg.null_space(rigid[~is_free], rcond=1e-9)
     rigid = rigid[free]
-    if group.springs is not None:
+    if body.springs is not None:
         rigid = _unresisted(stiffness[np.ix_(free, free)], rigid)
     inverse = symmetric_pseudo_inverse(stiffness[np.ix_(free, free)], rigid)
     return Flexibility(condensed, stiffness, free, inverse, rigid)
@@ -384,24 +384,24 @@ class FlexibilityStore:
             self._kept[key] = make()
         return self._kept[key]
 
-    def condensed(self, group: Body, nodes: IntArray) -> CondensedBlock:
+    def condensed(self, body: Body, nodes: IntArray) -> CondensedBlock:
         """Return a block condensed on nodes (n,), sorted, and on those it was before."""
-        key = content_of(group)
+        key = content_of(body)
         before = self._condensed.get(key)
         if before is None or not np.isin(nodes, before.retained).all():
             more = nodes if before is None else np.union1d(before.retained, nodes)
-            self._condensed[key] = condense(group, more)
+            self._condensed[key] = condense(body, more)
         return self._condensed[key]
 
 
-def content_of(group: Body) -> bytes:
+def content_of(body: Body) -> bytes:
     """Digest of all of a block that its flexibility depends on."""
     digest = hashlib.sha256()
-    for array in (group.mesh.nodes, group.mesh.connectivity):
+    for array in (body.mesh.nodes, body.mesh.connectivity):
         digest.update(np.ascontiguousarray(array).tobytes())
-    material, springs = group.material, group.springs
+    material, springs = body.material, body.springs
     if springs is not None:
         digest.update(springs.element.tobytes() + springs.places.tobytes())
         digest.update(springs.matrices.tobytes())
-    digest.update(repr((group.element, material.young_modulus, material.poisson_ratio)).encode())
+    digest.update(repr((body.element, material.young_modulus, material.poisson_ratio)).encode())
     return digest.digest()

@@ -35,7 +35,7 @@ from fem.static.linear_step.block_tridiagonal import (
     Chain,
     ChainFactor,
     Level,
-    Part,
+    LevelPoints,
     Rows,
     UnresistedMotionError,
     add_block,
@@ -94,14 +94,14 @@ class CondensedStep(RetainedNodes):
     # Once
 
     def _make_kinds(self) -> tuple[list[int], list[Flexibility]]:
-        """One flexibility for each group and way of being held."""
+        """One flexibility for each body and way of being held."""
         system = self._system
         contents: dict[int, bytes] = {}
         slots: dict[bytes, list[int]] = {}
         for slot in range(system.n_slots):
-            group = system.body(slot)
+            body = system.body(slot)
             mine = self._held_rows(slot)
-            key = contents.setdefault(id(group), content_of(group))
+            key = contents.setdefault(id(body), content_of(body))
             for array in (
                 system.held.nodes[mine] - system.node_start[slot],
                 system.held.axes[mine],
@@ -283,7 +283,7 @@ class CondensedStep(RetainedNodes):
             n = int(np.searchsorted(own.points, rows.start[k]))
             halves = [(k - 1, slice(None, n)), (k, slice(n, None))] if n else [(k, slice(None))]
             parts = [
-                Part(level, own.points[half] - rows.start[level], felt[half], half)
+                LevelPoints(level, own.points[half] - rows.start[level], felt[half], half)
                 for level, half in halves
             ]
             add_block(levels, (k, self._span[slot]), parts, partial(_between, flexible))

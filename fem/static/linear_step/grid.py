@@ -28,7 +28,7 @@ from fem.static.linear_step.block_tridiagonal import (
     Chain,
     ChainFactor,
     Level,
-    Part,
+    LevelPoints,
     Rows,
     UnresistedMotionError,
     add_block,
@@ -54,34 +54,34 @@ _LEAST_STIFFNESS = 1e-12
 _SAME_POINT = 1e-7
 
 
-def grid_blocks(deformable: System) -> tuple[GridBlock, ...] | None:
+def grid_blocks(system: System) -> tuple[GridBlock, ...] | None:
     """Structured blocks of all groups; None where this step does not take the problem.
 
     It takes frictionless contact of one law between matched facets, of blocks without supports of
     their own.
     """
-    contact = deformable.contact
-    if contact.friction is not None or contact.finite_sliding or len(deformable.supports.block):
+    contact = system.contact
+    if contact.friction is not None or contact.finite_sliding or len(system.supports.block):
         return None
     if len(contact.law.members) > 1:
         return None
-    if not deformable.meets or deformable.assembly.image_of is not None:
+    if not system.meets or system.assembly.image_of is not None:
         return None
     result = []
-    for number, group in enumerate(deformable.bodies):
-        block = int(np.flatnonzero(deformable.group_of == number)[0])
-        quads = _touching_quads(deformable, number)
-        shape = deformable.assembly.shape(block)
-        grid = grid_block(shape.mesh, group.material, quads) if len(quads) else None
+    for number, body in enumerate(system.bodies):
+        block = int(np.flatnonzero(system.body_number == number)[0])
+        quads = _touching_quads(system, number)
+        shape = system.assembly.shape(block)
+        grid = grid_block(shape.mesh, body.material, quads) if len(quads) else None
         if grid is None:
             return None
         result.append(grid)
     return tuple(result)
 
 
-def _touching_quads(deformable: System, number: int) -> IntArray:
-    """Nodes of the facets on which copies of a group are in contact, (n, n_nodes of a facet)."""
-    surfaces, of = deformable.surfaces, deformable.group_of
+def _touching_quads(system: System, number: int) -> IntArray:
+    """Nodes of the facets on which copies of a body are in contact, (n, n_nodes of a facet)."""
+    surfaces, of = system.surfaces, system.body_number
     mine = [
         quads[of[blocks] == number]
         for blocks, quads in (
@@ -179,7 +179,7 @@ class GridStep(LinearStep):
         self, system: Sector, grids: tuple[GridBlock, ...], start: FloatArray | None = None
     ) -> None:
         super().__init__(system)
-        self._grids = [grids[int(system.whole.group_of[block])] for block in system.blocks]
+        self._grids = [grids[int(system.whole.body_number[block])] for block in system.blocks]
         self._place_points()
         self._softest, asked = 0.0, np.ones(self._n, dtype=np.bool_)
         if start is not None:
@@ -343,7 +343,7 @@ class GridStep(LinearStep):
                 row = number[part.points]
                 at, row = part.local[row >= 0], row[row >= 0]
                 felt = block.motions[at] + turned.by_motions[part.side, stiff[row]]
-                mine.append(Part(part.level, within[row], felt, at))
+                mine.append(LevelPoints(part.level, within[row], felt, at))
             place = int(self._chain.level_of[slot]), self._span[slot]
             add_block(levels, place, mine, block.between)
         for slots, stiffness in zip(self._joint_slots, turned.stiffness, strict=True):

@@ -80,10 +80,10 @@ def fill_in(matrix: csr_array) -> float:
     pattern = csr_array((np.ones(matrix.nnz), matrix.indices, matrix.indptr), shape=matrix.shape)
     pattern.sort_indices()
     neighbours = pattern @ np.random.default_rng(0).random(matrix.shape[0])
-    _, first, group, size = np.unique(
+    _, first, body, size = np.unique(
         neighbours, return_index=True, return_inverse=True, return_counts=True
     )
-    joined = csr_array((np.ones(len(group)), (np.arange(len(group)), group)))
+    joined = csr_array((np.ones(len(body)), (np.arange(len(body)), body)))
     small = csr_array(pattern[first] @ joined)
     small.data[:] = -1.0
     factor = _splu(small + diags_array(np.bincount(small.nonzero()[0]) + 1.0))

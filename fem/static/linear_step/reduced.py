@@ -42,8 +42,8 @@ class ReducedStep(RetainedNodes, SparseStep):
 def is_smaller(system: Sector) -> bool:
     """Whether blocks condensed on what is touched have fewer entries than those of all nodes."""
     entries = sum(
-        slots * ((3.0 * len(nodes)) ** 2 - group.stiffness.nnz)
-        for group, nodes, slots in _touched(system)
+        slots * ((3.0 * len(nodes)) ** 2 - body.stiffness.nnz)
+        for body, nodes, slots in _touched(system)
     )
     return entries < 0.0
 
@@ -52,18 +52,18 @@ def _touched(system: Sector) -> list[tuple[Body, IntArray, int]]:
     """Groups, nodes of points and supports of any of their blocks, and number of these."""
     touched = np.unique(np.append(system.points.rows, system.held.nodes))
     ends = np.searchsorted(touched, system.node_start)
-    groups = {id(group): group for group in map(system.body, range(system.n_slots))}
-    nodes: dict[int, list[IntArray]] = {key: [] for key in groups}
+    bodies = {id(body): body for body in map(system.body, range(system.n_slots))}
+    nodes: dict[int, list[IntArray]] = {key: [] for key in bodies}
     for slot in range(system.n_slots):
         own = touched[ends[slot] : ends[slot + 1]] - system.node_start[slot]
         nodes[id(system.body(slot))].append(own)
     return [
-        (group, np.unique(np.concatenate(nodes[key])).astype(np.int64), len(nodes[key]))
-        for key, group in groups.items()
+        (body, np.unique(np.concatenate(nodes[key])).astype(np.int64), len(nodes[key]))
+        for key, body in bodies.items()
     ]
 
 
 def _condensed(system: Sector, store: FlexibilityStore) -> list[CondensedBlock]:
     """Blocks of all slots on the nodes of points and supports of any congruent one."""
-    done = {id(group): store.condensed(group, nodes) for group, nodes, _ in _touched(system)}
+    done = {id(body): store.condensed(body, nodes) for body, nodes, _ in _touched(system)}
     return [done[id(system.body(slot))] for slot in range(system.n_slots)]

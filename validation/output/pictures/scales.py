@@ -202,7 +202,7 @@ def symmetric_scale(label: str, colours: str, values: Sequence[FloatArray]) -> S
 def drawing_scale(solution: State) -> float:
     """Power of ten that makes displacements visible in a picture; at least one."""
     largest = solution.largest_displacement
-    size = solution.deformable.assembly.characteristic_length
+    size = solution.whole.assembly.characteristic_length
     if largest == 0.0:
         return 1.0
     return float(max(10.0 ** np.floor(np.log10(0.15 * size / largest)), 1.0))

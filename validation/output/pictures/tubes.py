@@ -88,7 +88,7 @@ def moved_blocks(
 
     Other options are those of `blocks`.
     """
-    deformable, factor = solution.deformable, options.pop("factor", 0.0)
+    deformable, factor = solution.whole, options.pop("factor", 0.0)
     options = {"only": deformable.deformable_blocks.tolist(), "edges": 0.0, **options}
 
     def places(block: int) -> FloatArray:
@@ -99,8 +99,8 @@ def moved_blocks(
 
 def _around(solution: State) -> list[Part]:
     """Edges of the blocks that do not deform; single bodies show their own, where they were."""
-    deformable = solution.deformable
-    rigid = np.flatnonzero(deformable.group_of < 0).tolist()
+    deformable = solution.whole
+    rigid = np.flatnonzero(deformable.body_number < 0).tolist()
     edged = rigid if deformable.meets else deformable.deformable_blocks.tolist()
     return blocks(deformable.drawn, None, only=edged, edges=0.6)
 
@@ -119,7 +119,7 @@ def _stress(solution: State, stress: Stress, block: int) -> FloatArray:
 
 def stress_scale(solution: State, stress: Stress = STRESSES[0]) -> Scale:
     """Colours of a stress, with what it reaches anywhere in the blocks."""
-    blocks = solution.deformable.deformable_blocks.tolist()
+    blocks = solution.whole.deformable_blocks.tolist()
     values = [_stress(solution, stress, b) for b in blocks]
     return _scale(stress, values)
 
@@ -140,12 +140,12 @@ def extreme(answer: Answer, stress: Stress) -> tuple[FloatArray, str]:
     (block,) = table.place["blocks"]
     values = stress.sign * _stress(answer.details, stress, block)
     node = int(values.argmax())
-    meets = np.isin(node, answer.details.deformable.drawn.shape(block).contact_quads)
+    meets = np.isin(node, answer.details.whole.drawn.shape(block).contact_quads)
     words = (
         f"node: {stress.sign * values[node]:.3g}, block {block}{', in a joint' if meets else ''}\n"
         f"integration point: {table.value:.3g}"
     )
-    return answer.details.deformable.positions(block)[node], words.replace("-", "−")
+    return answer.details.whole.positions(block)[node], words.replace("-", "−")
 
 
 def draw_stresses(answer: Answer) -> Figure:
@@ -154,9 +154,9 @@ def draw_stresses(answer: Answer) -> Figure:
     Of a tube the outer surface, and the joints of a layer; of other blocks all surfaces, and the
     displacement.
     """
-    solution, tube = answer.details, is_round(answer.details.deformable.drawn)
-    meets = solution.deformable.meets
-    direction = run_facets(answer).side if meets else eye(solution.deformable.drawn)
+    solution, tube = answer.details, is_round(answer.details.whole.drawn)
+    meets = solution.whole.meets
+    direction = run_facets(answer).side if meets else eye(solution.whole.drawn)
     columns, around = [], _around(solution)
     for stress in stresses_of(answer):
         scale, values = stress_scale(solution, stress), partial(_stress, solution, stress)
@@ -180,7 +180,7 @@ def moved_panel(
     around: Sequence[Part] | None = None,
 ) -> Panel:
     """The deformed shape, coloured by the displacement, and what is ``around`` it."""
-    shown, factor = solution.deformable.deformable_blocks.tolist(), drawing_scale(solution)
+    shown, factor = solution.whole.deformable_blocks.tolist(), drawing_scale(solution)
     scale = scale_from_zero("|u| [mm]", MOTION_MAP, [_moved(solution, b) for b in shown])
     parts = moved_blocks(solution, partial(_moved, solution), scale, faces=faces, factor=factor)
     view = View([*parts, *(_around(solution) if around is None else around)], direction)
@@ -193,7 +193,7 @@ def _joint_panels(answer: Answer, direction: Direction) -> list[Panel]:
     Of a tube those of the layer in which it is extreme.
     """
     solution, stress = answer.details, STRESSES[0]
-    assembly, shown = solution.deformable.drawn, solution.deformable.deformable_blocks
+    assembly, shown = solution.whole.drawn, solution.whole.deformable_blocks
     scale, where, tube = stress_scale(solution, stress), "in the joints", is_round(assembly)
     if tube:
         layer = answer[stress.measure].place["layer"]  # type: ignore[index]
@@ -211,17 +211,17 @@ def draw_displacement(answer: Answer) -> Figure:
     """Draw the displacement of a tube and its radial part, from the side where it is largest."""
     solution, faces = answer.details, (*_SHELL, "top", "bottom")
     around = _around(solution)
-    assembly = solution.deformable.drawn
+    assembly = solution.whole.drawn
     place: Any = answer["max_displacement"].place
     along = quarter((1.0, 0.0, 0.0), np.array(place["position"]) - assembly.origin)
 
     def outward(block: int) -> FloatArray:
-        arms = solution.deformable.positions(block) - assembly.origin
+        arms = solution.whole.positions(block) - assembly.origin
         arms -= (arms @ assembly.axis)[:, None] * assembly.axis
         sizes = np.maximum(np.linalg.norm(arms, axis=1), 1e-300)
         return np.einsum("ij,ij->i", solution.displacement_of(block), arms) / sizes
 
-    every = [outward(block) for block in solution.deformable.deformable_blocks.tolist()]
+    every = [outward(block) for block in solution.whole.deformable_blocks.tolist()]
     scale = symmetric_scale("outward [mm]", OUTWARD_MAP, every)
     factor = drawing_scale(solution)
     parts = moved_blocks(solution, outward, scale, faces=faces, factor=factor)
@@ -239,11 +239,11 @@ def draw_displacement(answer: Answer) -> Figure:
 
 def run_facets(answer: Answer) -> PressedFacets:
     """Contact facets of a run where they ended, those of higher degree in pieces."""
-    group_of = answer.details.deformable.group_of
+    body_number = answer.details.whole.body_number
 
     def nodes(block: int) -> FloatArray:
-        placed = answer.details.deformable.positions(block)
-        return placed + answer.details.displacement_of(block) if group_of[block] >= 0 else placed
+        placed = answer.details.whole.positions(block)
+        return placed + answer.details.displacement_of(block) if body_number[block] >= 0 else placed
 
     result = answer.details.contact_state
     owner, corners, pressures = np.arange(result.n_facets), result.corners, result.pressures
@@ -251,7 +251,7 @@ def run_facets(answer: Answer) -> PressedFacets:
         corners, pressures = _pieces(answer.details, nodes, result.corner_overclosures)
         owner = np.repeat(owner, len(pressures) // result.n_facets)
     return PressedFacets(
-        assembly=answer.details.deformable.drawn,
+        assembly=answer.details.whole.drawn,
         block_m=result.block_m[owner],
         block_s=result.block_s[owner],
         corners=corners,
@@ -271,7 +271,7 @@ def _pieces(
     tuple[FloatArray, FloatArray]
         Corners, (n, 4, 3) [mm], and mean pressures, (n,) [MPa]; facet after facet.
     """
-    surfaces = solution.deformable.surfaces
+    surfaces = solution.whole.surfaces
     places = np.empty((*surfaces.quads_m.shape, 3))
     for block in np.unique(surfaces.block_m).tolist():
         mine = surfaces.block_m == block
@@ -282,7 +282,7 @@ def _pieces(
     line = np.interp(np.arange(parts * (len(ends) - 1) + 1) / parts, np.arange(len(ends)), ends)
     quads = structured_quads(len(line) - 1)
     corners = (_linear(line, ends) @ places)[:, quads].reshape(-1, 4, 3)
-    law = solution.deformable.contact.law.on(surfaces.block_m, surfaces.block_s)
+    law = solution.whole.contact.law.on(surfaces.block_m, surfaces.block_s)
     pressures = law.pressure(overclosures @ _linear(line, looks).T)
     return corners, pressures[:, quads].mean(axis=2).ravel()
 

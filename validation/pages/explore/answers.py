@@ -167,7 +167,7 @@ def _deformable_shown(file: Case, tell: Any) -> Shown:
     start = time.process_time()
     answer = solve(file, lambda now: tell(str(now)))
     tell("pictures")
-    layers = dict.fromkeys((None, middle_layers(answer.details.deformable.assembly)))
+    layers = dict.fromkeys((None, middle_layers(answer.details.whole.assembly)))
     moved = f"displacement scaled × {drawing_scale(answer.details):g}"
     views = tuple(
         (*stressed(answer, some), f"Deformable blocks{layer_words(some)}: {_STRESS}, {moved}.")

@@ -257,7 +257,7 @@ def draw_cost(evidence: PaperEvidence, path: Path) -> None:
         ),
         (
             [
-                (run.details.deformable.surfaces.n_facets, run.report["cpu_seconds"]["total"])
+                (run.details.whole.surfaces.n_facets, run.report["cpu_seconds"]["total"])
                 for run in evidence.fem_runs.values()
             ],
             {"marker": "^", "markersize": 6, "color": "#D55E00"},

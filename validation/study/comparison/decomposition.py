@@ -75,15 +75,15 @@ def _own_stick(problem: Problem) -> CoulombFriction | None:
     friction = problem.coulomb
     if friction is None:
         return None
-    return replace(friction, stick_stiffness=problem.deformable.stick())
+    return replace(friction, stick_stiffness=problem.system.stick())
 
 
 def _solved(task: Problem, store: FlexibilityStore, *, refined: bool) -> Mapping[str, Any]:
     """The paper's measures of a static state, over the facets of the problem's mesh."""
     options = replace(static_options(task, Static()), tolerance=1e-4)
     if not refined:
-        return vars(contact_on(static_state(task.deformable, options, store=store)))
-    deformable = on_rung(task, _STIFF_RUNG).deformable
+        return vars(contact_on(static_state(task.system, options, store=store)))
+    deformable = on_rung(task, _STIFF_RUNG).system
     result = static_state(deformable, options)
     pressures = pressures_on_facets(
         task.blocks, deformable, result.displacements, symmetry=result.system.orbits.order

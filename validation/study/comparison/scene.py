@@ -53,7 +53,7 @@ def _rigid(problem: Problem) -> Problem:
     """The problem for rigid blocks: the facets of the deformable ones, and no gaps to close."""
     blocks = problem.blocks
     if problem.searches:
-        blocks = facing_blocks(problem.deformable.assembly)
+        blocks = facing_blocks(problem.system.assembly)
     load = replace(problem.load_case, assembly=blocks)
     closed = replace(problem, clearance=0.0, spacing=0.0, finite_sliding=False, check_blocks=False)
     return replace(closed, blocks=blocks, load=load)

@@ -173,7 +173,7 @@ def probe_of(case: Case) -> Case:
             break
         probe = static.varied({"mesh": coarse})
         try:
-            _ = probe.problem.deformable
+            _ = probe.problem.system
         except RefusedError:
             continue
         return probe
