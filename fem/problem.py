@@ -265,6 +265,11 @@ class Problem:
             if not isinstance(value, kind):
                 expected = ", ".join(f"{kind.__name__}.{member.name}" for member in kind)
                 raise ProblemError(f"{name}: got {value!r}; expected one of {expected}")
+        if self.degree > 1 and self.element is not ElementType.INCOMPATIBLE:
+            raise ProblemError(
+                f'element: got "{self.element.value}" with degree {self.degree}, whose elements '
+                "have one kind; remove it, or take degree 1"
+            )
         if self.divisions not in range(1, _MOST_DIVISIONS + 1):
             raise ProblemError(
                 f"divisions: got {self.divisions!r}; expected a whole number from 1 to "

@@ -340,8 +340,14 @@ def refines(problem: Problem, method: Static) -> bool:
             )
         return False
     degree = usual_degree(problem.blocks, friction=problem.coulomb is not None)
-    usual = problem.element is ElementType.INCOMPATIBLE and problem.degree == degree
-    if not (usual or asked):
+    plain = problem.element is ElementType.INCOMPATIBLE
+    if asked and not (plain and problem.degree in {1, degree}):
+        name, got = ("degree", problem.degree) if plain else ("element", problem.element.value)
+        raise AccuracyError(
+            f"{name}: got {got} for finer and finer meshes, which have elements of their own; "
+            f'expected mesh = "scene" without an accuracy, or no {name}'
+        )
+    if not (asked or (plain and problem.degree == degree)):
         return False
     try:
         check_refinable(problem)

@@ -36,7 +36,7 @@ def _tube(degree: int, friction: float | None, layers: int = 1) -> Problem:
         blocks,
         pipe(0.01),
         concrete,
-        element=ElementType.FULL,
+        element=ElementType.FULL if degree == 1 else ElementType.INCOMPATIBLE,
         degree=degree,
         friction=friction and CoulombFriction(friction, 50.0),
     )
