@@ -135,7 +135,7 @@ docs: setup
 # of its page: no run, seconds. The notebook alone is in the repository.
 pages: setup
 	cd docs && ../$(BIN)/python -m ext.pages
-	$(BIN)/jupytext --quiet --to notebook docs/tutorials/notebook.md
+	$(BIN)/jupytext --quiet --update --to notebook docs/tutorials/notebook.md
 
 # Wheel and source archive.
 wheel: setup

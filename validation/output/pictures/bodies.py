@@ -342,7 +342,7 @@ class PressedFacets:
         scale = pressure_scale("contact pressure [MPa]", self.pressures, self.pair(every))
         if self.largest is None or self.largest <= scale.high * _SHOWN:
             return scale
-        return replace(scale, note=f"at a point max. {self.largest:.3g}")
+        return replace(scale, note=f"mean of a drawn facet; at a point max. {self.largest:.3g}")
 
     @property
     def governing(self) -> tuple[FloatArray, int]:
