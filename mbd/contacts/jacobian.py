@@ -41,6 +41,8 @@ Value = TypeVar("Value")
 NormalMap = Callable[[FloatArray], FloatArray]
 
 
+#: Part of a load that is left where supports take it, by the digits of their directions.
+_ROUND_OFF = 1e-9
 #: The 21 pairs (i, j) with i <= j of a symmetric 6 × 6 matrix.
 _UPPER = np.triu_indices(6)
 
@@ -375,7 +377,10 @@ class RigidContacts(ReadOnlyArrays):
         """
         scaled = np.array(wrenches[self.free_blocks], dtype=np.float64)
         scaled[:, 3:] /= self.length
-        return self.jacobian.admissible(scaled.ravel())
+        left = self.jacobian.admissible(scaled.ravel()).reshape(-1, 6)
+        # What supports take leaves round-off, which is no load.
+        least = _ROUND_OFF * np.linalg.norm(scaled, axis=1)
+        return np.where(np.linalg.norm(left, axis=1) <= least, 0.0, left.T).T.ravel()
 
     @cached_property
     def joints(self) -> tuple[IntArray, IntArray]:

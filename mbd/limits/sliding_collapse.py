@@ -387,7 +387,7 @@ def sliding_collapse(
         state = _descend(programs, state, penalty)
         if state.defect <= 0.01 * SLIDING_TOLERANCE * max(abs(state.factor), 1.0):
             break
-    forces, factor = scale * state.forces, state.factor * scale / size
+    forces, factor = scale * state.forces, state.factor * scale / size + 0.0  # no -0
     judged = partial(_judged, contacts, forces, dead + factor * live)
     motion, check = judged(state.motion)
     if check.largest > SLIDING_TOLERANCE and contacts.law is FrictionLaw.CONE:

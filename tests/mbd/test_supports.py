@@ -161,6 +161,15 @@ def test_supports_turn_with_everything():
         np.testing.assert_allclose(turn @ one["force"], two["force"], atol=1e-6)
 
 
+@pytest.mark.parametrize(("tilt", "left"), [(1e-11, 0.0), (1e-6, 1e-5)])
+def test_a_weight_that_a_roller_takes_is_no_load(stack, tilt, left):
+    """Of weight W a roller at a small angle leaves W times the angle, or digits: no load."""
+    along = np.array([[tilt, 0.0, 1.0]]) / np.hypot(tilt, 1.0)
+    load = case(stack, held=(HeldFace(1, side(stack, 1, -Z), along),), weight=10.0)
+    rows = contact_jacobian(stack, load.fixed, load.held).rows(load.wrenches)
+    assert np.linalg.norm(rows[:3]) == pytest.approx(left, rel=1e-6, abs=0.0)
+
+
 def _turned(plane: Plane, turn: np.ndarray) -> Plane:
     return Plane(turn @ plane.point, turn @ plane.normal)
 
