@@ -29,6 +29,7 @@ from fem.accuracy.parts import Accuracy, Meshes, MeshFacets
 from fem.accuracy.transfer import transferred
 from fem.answer.measures import load_step_change, measures_of
 from fem.answer.motion import large_motion
+from fem.element.hexahedron import ElementType
 from fem.problem import Problem
 from fem.state import State
 from fem.static.linear_step.linearisation import StaticError
@@ -331,6 +332,9 @@ def check_refinable(problem: Problem) -> None:
 
 def why_not_refined(problem: Problem) -> str | None:
     """What stands against refining the mesh of a problem; None where nothing does."""
+    own = own_elements(problem)
+    if own is not None:
+        return f"{own[0]} = {own[1]}"
     if problem.searches:
         second = on_rung(problem, ladder_for(TARGETS, problem)[_FOR_BARS - 1])
         friction = problem.coulomb is not None
@@ -343,6 +347,14 @@ def why_not_refined(problem: Problem) -> str | None:
     if problem.load_case.without_couple:
         return "a load as printed, which acts at the mean of the nodes of a mesh"
     return None
+
+
+def own_elements(problem: Problem) -> tuple[str, str | int] | None:
+    """Kind or degree of elements that finer meshes would not have, by its field; None: neither."""
+    if problem.element is not ElementType.INCOMPATIBLE:
+        return "element", problem.element.value
+    usual = usual_degree(problem.blocks, friction=problem.coulomb is not None)
+    return None if problem.degree in {1, usual} else ("degree", problem.degree)
 
 
 def usual_work(problem: Problem) -> float:

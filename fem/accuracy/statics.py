@@ -19,6 +19,7 @@ from fem.accuracy.converge import (
     check_refinable,
     checked_targets,
     converge,
+    own_elements,
     usual_degree,
     usual_work,
 )
@@ -339,15 +340,15 @@ def refines(problem: Problem, method: Static) -> bool:
                 'mesh = "scene" without one'
             )
         return False
-    degree = usual_degree(problem.blocks, friction=problem.coulomb is not None)
-    plain = problem.element is ElementType.INCOMPATIBLE
-    if asked and not (plain and problem.degree in {1, degree}):
-        name, got = ("degree", problem.degree) if plain else ("element", problem.element.value)
+    if asked and (own := own_elements(problem)) is not None:
+        name, got = own
         raise AccuracyError(
             f"{name}: got {got} for finer and finer meshes, which have elements of their own; "
             f'expected mesh = "scene" without an accuracy, or no {name}'
         )
-    if not (asked or (plain and problem.degree == degree)):
+    degree = usual_degree(problem.blocks, friction=problem.coulomb is not None)
+    usual = problem.element is ElementType.INCOMPATIBLE and problem.degree == degree
+    if not (usual or asked):
         return False
     try:
         check_refinable(problem)

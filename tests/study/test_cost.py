@@ -136,6 +136,15 @@ def test_blocks_that_are_not_refined_have_one_more_mesh_as_the_finest(monkeypatc
     assert not any(case.method.error_estimate for _, case in others if case.method.name == "static")
 
 
+@pytest.mark.parametrize("stated", ["fem.degree=2", "fem.element=reduced"])
+def test_elements_that_are_stated_are_those_of_every_mesh(stated: str) -> None:
+    """Refined answers have elements of their own: they would be errors of others."""
+    coarse = ("mesh.around=12", "mesh.radial=1", "mesh.axial=2")
+    found = cost_cases(tube(*coarse, stated), quick=True)
+    assert list(found)[-1] == "static, mesh ×4"
+    assert not any(name.startswith("converged") for name in found)
+
+
 def test_a_limit_of_work_holds_for_every_case() -> None:
     for name, case in cost_cases(tube("fem.max_work=0.3"), quick=True).items():
         assert name.startswith("rigid") or case.method.max_work == 0.3
