@@ -7,9 +7,16 @@ from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
+
 from fem.answer.answer import answer_of
 from fem.explicit.output.checkpoint import OtherProblemError
-from fem.explicit.setup.timed_system import check_timed, counting_more, timed_system
+from fem.explicit.setup.timed_system import (
+    blocks_in_time,
+    check_timed,
+    counting_more,
+    timed_system,
+)
 from fem.explicit.solve import (
     Frame,
     Output,
@@ -23,10 +30,11 @@ from fem.method import Explicit, require_method
 from fem.problem import Problem, ProblemError, require_problem
 from fem.state import State
 from fem.system.sector import check_system
+from fem.system.system import Sector
 from geometry.answer import Answer
 from geometry.compilation.clocks import timed_stages
 from geometry.machine.system import one_thread_of_blas
-from geometry.machine.work import budget, clock, require_memory
+from geometry.machine.work import budget, clock, memory_limit, require_memory
 
 #: Frames are parts of this part of the longest run, where it may end early and has no ramp.
 _FINE = 200.0
@@ -134,13 +142,17 @@ def check_explicit(problem: Problem, method: Explicit) -> Problem:
         end_time=method.end_time,
     )
     check_system(problem.system, method.symmetry)
+    with budget(memory=method.max_memory):
+        # Blocks that are equal, which takes time to see, are looked for only where it matters.
+        if _bytes_of_run(problem.system.computed) > memory_limit():
+            _refuse_memory(blocks_in_time(problem.system, method.symmetry, problem.motion))
     return problem
 
 
 def check_step(problem: Problem, method: Explicit) -> None:
     """Reject a time step and a stick stiffness that are stated beyond what the run can take.
 
-    The critical time step is found for a stated one alone; the run finds it again.
+    The run does so itself, before its first step.
     """
     stick = None if problem.coulomb is None else problem.coulomb.stick_stiffness
     if stick is not None or method.time_step is not None:
@@ -184,10 +196,10 @@ def explicit_state(
     """
     with budget(memory=method.max_memory) as spent:
         ends, stated, restarts = clock(method.max_seconds), stated_run(problem, method), 0
-        _refuse_memory(stated)
         if output is not None:
             output = _spread(output, stated, method)
         while True:
+            _ = stated.critical  # the limit of work counts it
             left = _left(method, spent.seconds, ends)
             try:
                 return run_explicit(stated, left, output, resume=resume, restarts=restarts)
@@ -223,11 +235,17 @@ def _left(method: Explicit, worked: float, ends: float) -> Explicit:
     )
 
 
-def _refuse_memory(stated: TimedSystem) -> None:
+def _bytes_of_run(system: Sector) -> float:
+    """Memory that the blocks which are computed take."""
+    copies = np.bincount(system.whole.body_number[system.blocks])
+    bodies = zip(system.whole.bodies, copies.tolist(), strict=True)
+    return sum(body.n_nodes * (_CONSTANT + _STATE * n) for body, n in bodies)
+
+
+def _refuse_memory(system: Sector) -> None:
     """Reject a run that needs more memory than it may have, before it is tried."""
-    need = sum(body.n_nodes * (_CONSTANT + _STATE * body.n_copies) for body in stated.bodies)
     require_memory(
-        f"{stated.system.n_nodes} nodes of {stated.system.whole.assembly.n_blocks} blocks",
-        need,
+        f"{system.n_nodes} nodes of {system.whole.assembly.n_blocks} blocks",
+        _bytes_of_run(system),
         "fewer elements or fewer blocks",
     )

@@ -410,7 +410,7 @@ def solve(
     show, method = progress or (lambda _: None), case.method
     show("builds the blocks and finds where they touch")
     with timed_stages() as watch:
-        problem = case.problem if isinstance(method, Rigid) else case.check()
+        problem = case.check() if isinstance(method, Static) else case.problem
         watch.lap("build")
     built = watch.seconds()
     with named(case.name, keys=case.source is not None):

@@ -98,7 +98,7 @@ def timed_system(
     at_start = max(float(law.pressure(before)) for law in deformable.contact.law.members)
     counted_pressure = max(counted_pressure, 2.0 * at_start)
     effects = _with_gravity(effects, deformable.gravity)
-    system = _sector(deformable, symmetry, motion)
+    system = blocks_in_time(deformable, symmetry, motion)
     blocks = _representatives(system)
     rubs = deformable.meets and deformable.contact.friction is not None
     stick = _stick(deformable, counted_pressure) if rubs else 1.0
@@ -156,7 +156,7 @@ def check_timed(
         )
 
 
-def _sector(
+def blocks_in_time(
     system: System,
     symmetry: Literal["auto", "none", "sector"],
     motion: Motion | None,
