@@ -15,6 +15,8 @@ from geometry.mesh import BoolArray, FloatArray, IntArray, along_curve
 _FACING = -0.5
 #: Children of a node of the tree of boxes.
 _FEW = 8
+#: So few faces, of so many facets, are taken one by one, each against what is across.
+_FEW_FACES, _MANY_FACETS = 8, 300
 #: Rays that are followed at once.
 _RAYS = 1024
 #: What a ray may miss a facet or a box by, over their size: round-off at edges between facets.
@@ -31,23 +33,26 @@ def least_wall(shape: Any) -> float:
     points, facets, face = _surface(shape)
     corners = points[facets]
     normals = unit_vectors(np.cross(corners[:, 2] - corners[:, 0], corners[:, -1] - corners[:, 1]))
-    tree, sides = _Boxes.of(corners), _Sides(facets, face)
+    sides = _Sides(facets, face)
     # Corners of a face once, each with one of its facets.
     every = np.column_stack([np.repeat(face, facets.shape[1]), facets.ravel()])
     _, corner = np.unique(every, axis=0, return_index=True)
     start = np.concatenate([corners.mean(axis=1), corners.reshape(-1, 3)[corner]])
     own = np.concatenate([np.arange(len(facets)), corner // facets.shape[1]])
     reach, least = float(np.linalg.norm(np.ptp(points, axis=0))), np.inf
-    steps = -(-len(own) // _RAYS)
-    for first in range(steps):  # rays from all over the solid at once: the first shorten the others
-        rays = np.arange(first, len(own), steps)
-        ray, hit, length = tree.hits(start[rays], -normals[own[rays]], reach)
-        facing = np.einsum("ni,ni->n", normals[own[rays[ray]]], normals[hit]) < _FACING
-        for k in np.flatnonzero(facing)[np.argsort(length[facing])].tolist():
-            if sides.apart(face[own[rays[ray[k]]]], face[hit[k]]):
-                least = min(least, float(length[k]))
-                break
-        reach = min(reach, least)
+    for of, across in sides.pairs():
+        tree, starts = _Boxes.of(corners[across]), np.flatnonzero(np.isin(face[own], of))
+        steps = -(-len(starts) // _RAYS)
+        for first in range(steps):  # rays from all over at once: the first shorten the others
+            rays = starts[first::steps]
+            ray, hit, length = tree.hits(start[rays], -normals[own[rays]], reach)
+            hit = across[hit]
+            facing = np.einsum("ni,ni->n", normals[own[rays[ray]]], normals[hit]) < _FACING
+            for k in np.flatnonzero(facing)[np.argsort(length[facing])].tolist():
+                if sides.apart(face[own[rays[ray[k]]]], face[hit[k]]):
+                    least = min(least, float(length[k]))
+                    break
+            reach = min(reach, least)
     return least
 
 
@@ -78,8 +83,20 @@ class _Sides:
     def __init__(self, facets: IntArray, face: IntArray) -> None:
         order = np.argsort(face, kind="stable")
         ends = np.cumsum(np.bincount(face))[:-1]
+        self._face = face
         self._facets = [facets[members] for members in np.split(order, ends)]
         self._points: dict[int, frozenset[int]] = {}
+
+    def pairs(self) -> Iterator[tuple[IntArray, IntArray]]:
+        """Faces, and the facets that may be across."""
+        faces = np.arange(len(self._facets))
+        if len(faces) > _FEW_FACES or len(self._face) < _MANY_FACETS:
+            yield faces, np.arange(len(self._face))
+            return
+        for one in faces.tolist():
+            across = [other for other in faces.tolist() if self.apart(one, other)]
+            if across:
+                yield faces[[one]], np.flatnonzero(np.isin(self._face, across))
 
     def apart(self, one: int, other: int) -> bool:
         """Whether two faces share no point."""
