@@ -54,8 +54,10 @@ def test_neither_a_fast_clock_nor_more_threads_change_an_answer(
     assert first["work"]["done"] > 0.0
 
 
+@pytest.mark.thorough
 def test_a_sweep_has_the_same_rows_with_any_number_of_workers() -> None:
-    settings = keys(1, 4) | {"fem.mesh": "scene"}
+    """Of deformable blocks; those of rigid ones are compared with a Dask cluster's in every run."""
+    settings = keys(1, 4) | {"fem.mesh": "scene", "fem.error_estimate": False}
     one, two = (
         sweep("tsb1-pipe", {"block.amplitude": [20.0, 24.0]}, settings, quantity="fem", workers=n)
         for n in (1, 2)
