@@ -13,7 +13,6 @@ from fem import (
     LinearPenalty,
     Material,
     Problem,
-    Static,
     concrete,
     read_deck,
     solve_static,
@@ -28,6 +27,7 @@ from geometry import (
     read_blocks,
 )
 from mbd import analyse
+from tests.support.answers import PLAIN
 from validation import load_case, solve
 
 trimesh = pytest.importorskip("trimesh")
@@ -158,7 +158,7 @@ def test_any_solid_deforms_as_that_of_its_file(tmp_path: Path) -> None:
     there = solve(load_case(scene, method="static"))
     blocks = Assembly.from_blocks(meshes, fixed=[0])
     problem = Problem(blocks, None, concrete, gravity=(0, 0, -9810), size=60.0)
-    here = solve_static(problem, Static(mesh="scene", error_estimate=False))
+    here = solve_static(problem, PLAIN)
     assert here.problem.degree == there.problem.degree == 2
     assert list(here.measures) == list(there.measures)
     for name, measure in here.measures.items():
@@ -196,7 +196,7 @@ def test_solids_deform_and_are_written(tmp_path: Path) -> None:
     problem = Problem(blocks, load, stone, law=LinearPenalty(1e3), gravity=gravity, divisions=2)
     weight = stone.density * 9810.0 * SIZE**3
     expected = [0.01 * SIZE**2 + 2.0 * weight, 0.01 * SIZE**2 + weight]
-    rigid, static = analyse(problem), solve_static(problem, Static(mesh="scene"))
+    rigid, static = analyse(problem), solve_static(problem, PLAIN)
     for answer, tolerance in ((rigid, 1e-9), (static, 1e-6)):  # the residual is 1e-8 of the load
         lower = answer.contacts["blocks"].min(axis=1)
         total = [np.abs(answer.contacts["force"][lower == k].sum(axis=0)) for k in (0, 1)]
@@ -204,7 +204,7 @@ def test_solids_deform_and_are_written(tmp_path: Path) -> None:
     assert static.problem.blocks.shapes[0].mesh.n_elements == 2**3
     read = read_deck(write_deck(problem, tmp_path / "stack.inp")).problem()
     assert read.blocks.n_blocks == 3
-    again = solve_static(read, Static(mesh="scene"))
+    again = solve_static(read, PLAIN)
     displacement = static["max_displacement"].value
     assert again["max_displacement"].value == pytest.approx(displacement, rel=1e-5)
 
@@ -217,7 +217,7 @@ def test_solids_on_springs_sink_by_their_weight() -> None:
     load = LoadCase(blocks, "bed", (), blocks.fixed, held=(bed,))
     stiff = Material(density=2.4e-9, young_modulus=1e6, poisson_ratio=0.0)
     options: Any = {"law": LinearPenalty(1e6), "gravity": (0.0, 0.0, -9810.0), "divisions": 2}
-    static = solve_static(Problem(blocks, load, stiff, **options), Static(mesh="scene"))
+    static = solve_static(Problem(blocks, load, stiff, **options), PLAIN)
     sinking = 2.0 * stiff.density * 9810.0 * SIZE / 0.1
     # The boxes themselves shorten by less than ρ g (2 h)² / E, the joint by p over its stiffness.
     give = stiff.density * 9810.0 * ((2.0 * SIZE) ** 2 / 1e6 + SIZE / 1e6)

@@ -16,6 +16,7 @@ from fem import Explicit, Problem, Static, concrete, solve_explicit, solve_stati
 from geometry import Answer, SineBlock, pipe, tube
 from mbd import Rigid, analyse
 from tests.fixtures.commands import small_meshes
+from tests.support.answers import PLAIN
 from tests.support.coarse_tubes import keys
 from validation import compare, cost, load_case, plot, read_answer, sweep, write
 
@@ -32,7 +33,7 @@ def problem() -> Problem:
 def answers(problem) -> tuple[Answer, Answer, Answer]:
     return (
         analyse(problem, Rigid(norm="force")),  # as the scene says
-        solve_static(problem, Static(mesh="scene", error_estimate=False)),
+        solve_static(problem, PLAIN),
         solve_explicit(problem, Explicit()),
     )
 
@@ -48,7 +49,7 @@ def test_a_scene_and_its_parameters_are_one_problem(answers) -> None:
         height=200, amplitude=20, frequency=1.5, blocks_per_layer=4, inner_radius=120, thickness=40
     )
     stated = Problem(tube(block, layers=1, mesh=(12, 2, 2)), pipe(0.01), concrete)
-    again = solve_static(stated, Static(mesh="scene", error_estimate=False))
+    again = solve_static(stated, PLAIN)
     for name, measure in answers[1].measures.items():
         assert again[name].value == measure.value
 
@@ -265,7 +266,7 @@ def test_linear_algebra_has_one_thread_inside_a_solve_alone(problem, threads) ->
     with threadpool_limits(threads, user_api="blas"):
         before = threadpool_info()
         analyse(problem, progress=look)
-        solve_static(problem, Static(mesh="scene", error_estimate=False), progress=look)
+        solve_static(problem, PLAIN, progress=look)
         solve_explicit(problem, Explicit(end_time=1e-5, ramp_time=0.0), progress=look)
         assert [pool["num_threads"] for pool in threadpool_info()] == [
             pool["num_threads"] for pool in before

@@ -11,10 +11,10 @@ import meshio
 import numpy as np
 import pytest
 
-from fem import Static, solve_static
+from fem import solve_static
 from geometry import Polyhedron, RefusedError, TetrahedraLayer, TractionLoad, convex_polyhedron
 from mbd import contact_jacobian
-from tests.support.answers import on_its_mesh
+from tests.support.answers import PLAIN, on_its_mesh
 from tests.support.commands import command
 from tests.support.linear_programs import solve_linear_programs
 from validation import Case, load_case, solve
@@ -341,7 +341,7 @@ def test_a_locked_block_rests_where_its_neighbours_stop_it() -> None:
     wrenches[0] = [3.0, 4.0, -30.0, 0.0, 0.0, 0.0]
     on_fixed = TractionLoad(np.array([2]), load.faces[0].face, np.array([0.01, 0.0, 0.02]))
     load = replace(load, faces=(*load.faces, on_fixed), body_wrenches=wrenches)
-    answer = solve_static(replace(problem, load=load), Static(mesh="scene", error_estimate=False))
+    answer = solve_static(replace(problem, load=load), PLAIN)
     assert answer.report["residual"] <= 1e-8
     assert max(answer.report["imbalance"][name] for name in ("force", "moment")) <= 1e-6
     reactions = answer.report["reactions"].values()

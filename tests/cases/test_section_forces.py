@@ -22,7 +22,7 @@ from fem import (
 )
 from geometry import ColumnBox, LoadCase, RefusedError, box_column
 from mbd import analyse
-from tests.support.answers import on_its_mesh
+from tests.support.answers import PLAIN, on_its_mesh
 from tests.support.arch import arch_run
 from tests.support.coarse_tubes import keys
 from tests.support.pressed_boxes import AREA, PRESSURE, SHEAR, STICK, boxes
@@ -62,7 +62,7 @@ def test_a_column_carries_the_weight_above() -> None:
     load = LoadCase(found, "weight", (), found.fixed.copy())
     material = Material(density=2.4e-9, young_modulus=33e3, poisson_ratio=0.2)
     problem = Problem(found, load, material, gravity=(0.0, 0.0, -9810.0), frames=Frames.DEFORMABLE)
-    answer = solve_static(problem, Static(mesh="scene", error_estimate=False))
+    answer = solve_static(problem, PLAIN)
     z = np.array([5.0, 20.0, 40.0, 50.0, 80.0, 110.0])
     points = np.column_stack([z * 0.0, z * 0.0, z])
     cut = section(answer, points, [0.0, 0.0, 1.0])
@@ -123,7 +123,7 @@ def test_a_pillar_carries_the_same_rigid_and_static() -> None:
     settings = keys(2, 2)
     problem = load_case("tsb1-pillar", settings).problem
     rigid = section(analyse(problem), [0.0, 0.0, 200.0], [0.0, 0.0, 1.0])
-    static = solve_static(problem, Static(mesh="scene", error_estimate=False))
+    static = solve_static(problem, PLAIN)
     z = np.array([150.0, 100.0])
     cut = section(static, np.column_stack([0 * z, 0 * z, z]), [0.0, 0.0, 1.0])
     load = rigid.normal_force[0]
@@ -211,7 +211,7 @@ def test_planes_without_forces_are_rejected(change, words, scene, tubelock) -> N
 
 
 def test_what_has_no_section_forces_says_so(tmp_path) -> None:
-    answer = solve_static(boxes(), Static(mesh="scene", error_estimate=False))
+    answer = solve_static(boxes(), PLAIN)
     with pytest.raises(RefusedError, match="the normal not zero"):
         section(answer, [0.0, 0.0, 50.0], [0.0, 0.0, 0.0])
     with pytest.raises(RefusedError, match=r"got blocks \[9\]"):
@@ -235,7 +235,7 @@ def test_a_box_between_two_rigid_ones_hangs_by_friction() -> None:
         friction=0.5,
         gravity=(0.0, -9810.0, 0.0),
     )
-    answer = solve_static(squeezed, Static(mesh="scene", error_estimate=False))
+    answer = solve_static(squeezed, PLAIN)
     cut = section(answer, [[0, 0, 40], [0, 0, 70], [0, 0, 100]], [0, 0, 1])
     weight = 2.4e-9 * 9810.0 * AREA * 60.0
     # The part ahead pushes the part behind: below, the box hangs on the lower block.
@@ -261,7 +261,7 @@ def test_friction_between_boxes_held_on_both_sides_of_a_plane() -> None:
         found, load, material, law=law, clearance=-1e-3, friction=0.5, frames=frames,
         gravity=(0.0, -9810.0, 0.0),
     )  # fmt: skip
-    answer = solve_static(squeezed, Static(mesh="scene", error_estimate=False))
+    answer = solve_static(squeezed, PLAIN)
     cut, details = section(answer, [20.0, 0.0, 70.0], [1.0, 0.0, 0.0]), answer.details
     total, size = np.zeros(3), 0.0
     for group, held in zip(details.whole.bodies, details.support_forces, strict=True):

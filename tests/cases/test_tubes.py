@@ -60,7 +60,7 @@ def test_steps_of_a_comparison_have_the_friction_of_the_scene() -> None:
 @pytest.mark.slow
 @pytest.mark.usefixtures("undrawn")
 def test_json_and_files_of_a_static_tube(tubelock) -> None:
-    on_mesh = (*SETTINGS, "--set", "fem.mesh=scene")
+    on_mesh = (*SETTINGS, "--set", "fem.mesh=scene", "--set", "fem.error_estimate=false")
     status, _, _ = tubelock(
         "fem", "tsb1-pipe", *on_mesh, "-o", "run", "--fields", "--json", "run.json"
     )

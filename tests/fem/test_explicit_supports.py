@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.linalg import eigh
 
-from fem import Explicit, Problem, Static, concrete, solve_explicit, solve_static
+from fem import Explicit, Problem, concrete, solve_explicit, solve_static
 from fem.answer.forces import imbalance_of, joints_of, reactions_of
 from fem.problem import Motion
 from fem.system.body import ModelError
@@ -16,7 +16,7 @@ from fem.system.effects import Effects
 from fem.system.sector import SymmetryError
 from fem.system.time_step import TimeStepError, critical_time_step
 from geometry.loads import LineLoad
-from tests.support.answers import on_its_mesh
+from tests.support.answers import PLAIN, on_its_mesh
 from tests.support.coarse_tubes import coarse, pressed
 from tests.support.supports import ONE, TWO, A, X, Y, Z, case, pulled, roller
 from validation import load_case
@@ -43,7 +43,7 @@ CASES = {
 @pytest.mark.parametrize("name", CASES)
 def test_damped_runs_come_to_the_static_state(name: str) -> None:
     problem = Problem(CASES[name].assembly, CASES[name], concrete)
-    static = solve_static(problem, Static(mesh="scene")).fields["displacement"]
+    static = solve_static(problem, PLAIN).fields["displacement"]
     end = 0.02 if CASES[name].assembly is ONE else None
     explicit = solve_explicit(
         problem,
@@ -61,7 +61,7 @@ def test_forces_of_supports_come_to_those_of_the_static_state() -> None:
     """
     problem = Problem(TWO, CASES["support that moves by a table"], concrete)
     (static, run) = (
-        solve_static(problem, Static(mesh="scene", error_estimate=False)).as_dict(),
+        solve_static(problem, PLAIN).as_dict(),
         solve_explicit(problem, Explicit()).as_dict(),
     )
     assert set(run["reactions"]) == set(static["reactions"])

@@ -5,9 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from fem import Static
 from fem.accuracy import statics
-from tests.support.answers import on_its_mesh
+from tests.support.answers import PLAIN, on_its_mesh
 from validation import Case, InputError, load_case, solve
 
 
@@ -93,4 +92,4 @@ def test_a_problem_made_in_python_is_refused_alike(monkeypatch: pytest.MonkeyPat
     problem = _pile(3.0, 0.3).problem
     monkeypatch.setattr(statics, "static_state", _solver_called)
     with pytest.raises(InputError, match=r"^mine: no static state: block 1 slides on block 0"):
-        solve(Case(problem, Static(mesh="scene"), "mine"))
+        solve(Case(problem, PLAIN, "mine"))

@@ -33,7 +33,7 @@ from geometry.families.hexagon_block import (
 )
 from geometry.loads import face_pressure
 from geometry.mesh import QuadSurface, boundary_quads, check_mesh
-from tests.support.answers import by_options, on_its_mesh
+from tests.support.answers import PLAIN, by_options, on_its_mesh
 from tests.support.blocks import tsb
 from tests.support.fem_problems import (
     CONCRETE,
@@ -193,7 +193,7 @@ def test_few_quadratic_elements_beat_eight_times_as_many_trilinear_ones(name: st
 
     def moved(degree: int, *settings: str) -> float:
         problem = replace(stated(name, *settings, *less), degree=degree)
-        return solve_static(problem, Static(mesh="scene", error_estimate=False))["u"].value
+        return solve_static(problem, PLAIN)["u"].value
 
     reference = moved(4, *coarse)
     assert abs(moved(2, *coarse) - reference) < abs(moved(1, *fine) - reference)

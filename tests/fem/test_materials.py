@@ -16,7 +16,6 @@ from fem import (
     LinearPenalty,
     Material,
     Problem,
-    Static,
     read_deck,
     solve_explicit,
     solve_static,
@@ -29,6 +28,7 @@ from geometry.families.boxes import ColumnBox, box_column
 from geometry.files.mesh_io import write_hex_mesh
 from geometry.loads import LoadCase, PressureLoad, TractionLoad
 from tests.fixtures.commands import small_meshes
+from tests.support.answers import PLAIN
 from tests.support.ccx import calculix_available, run_calculix
 from tests.support.commands import command
 from validation import load_case, solve
@@ -65,7 +65,7 @@ def test_two_bars_in_series() -> None:
     damped to a residual of 1e-4 of the load is as near, and so are finer meshes."""
     problem = column()
     assert len(problem.system.bodies) == 2
-    assert top_of(solve_static(problem, Static(mesh="scene"))) == pytest.approx(series(), rel=1e-7)
+    assert top_of(solve_static(problem, PLAIN)) == pytest.approx(series(), rel=1e-7)
     with small_meshes(1, 2):
         assert top_of(solve_static(problem)) == pytest.approx(series(), rel=1e-6)
     assert top_of(solve_explicit(problem, Explicit())) == pytest.approx(series(), rel=1e-3)
@@ -104,7 +104,7 @@ def test_a_beam_of_two_materials_bends_as_beam_theory_says() -> None:
     shear, stick = 0.01, 1e3
     side = TractionLoad(np.array([1]), "z+", np.array([shear, 0.0, 0.0]))
     problem = column(side, divisions=4, friction=CoulombFriction(0.5, stick))
-    answer = solve_static(problem, Static(mesh="scene"))
+    answer = solve_static(problem, PLAIN)
     area, bending = WIDTH**2, WIDTH**4 / 12.0
     force, (lower, upper) = shear * area, HEIGHTS
     length = lower + upper
@@ -122,7 +122,7 @@ def test_rigid_and_deformable_blocks_weigh_by_their_own_density() -> None:
     still = column(gravity=(0.0, 0.0, -9810.0))
     still = replace(still, load=LoadCase(still.blocks, "none", (), np.array([True, False])))
     assert still.rigid_weight[1, 2] == pytest.approx(-weight, rel=1e-12)  # type: ignore[index]
-    answer = solve_static(still, Static(mesh="scene"))
+    answer = solve_static(still, PLAIN)
     force = answer.contacts["pressure"] @ answer.contacts["area"]
     assert force == pytest.approx(weight, rel=1e-7)
 

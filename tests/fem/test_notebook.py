@@ -37,7 +37,7 @@ from geometry.families.boxes import ColumnBox, box_column
 from geometry.loads import LoadCase, PressureLoad, face_pressure
 from geometry.parts.placed import AssemblyError
 from mbd import Rigid, analyse
-from tests.support.answers import on_its_mesh
+from tests.support.answers import PLAIN, on_its_mesh
 from tests.support.coarse_tubes import coarse, pressed
 from validation import load_case
 
@@ -49,7 +49,7 @@ def problem() -> Problem:
 
 @pytest.fixture(scope="module")
 def static(problem) -> Answer:
-    return solve_static(problem, Static(mesh="scene", error_estimate=False))
+    return solve_static(problem, PLAIN)
 
 
 def test_shapes_are_those_that_are_documented(problem, static) -> None:

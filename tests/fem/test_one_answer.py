@@ -14,7 +14,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from fem import Problem, Static, concrete, solve_static
+from fem import Problem, concrete, solve_static
 from fem.accuracy.facets import pressures_on_facets
 from fem.accuracy.ladder import coarser, split
 from fem.accuracy.ladder import on_mesh as on_degree
@@ -40,7 +40,7 @@ from geometry import (
 from geometry.families.hexagon_block import HexagonBlockDivisions, hexagon_block
 from geometry.meshing.charts import unit_lines
 from geometry.meshing.refinement import charts_of, with_lines
-from tests.support.answers import by_options
+from tests.support.answers import PLAIN, by_options
 from tests.support.coarse_tubes import coarse, ring
 from tests.support.commands import ANSWER_FILES
 from tests.support.lagrange_meshes import HEXAGON, WALL, sine
@@ -313,7 +313,7 @@ def test_a_block_meshed_anew_keeps_its_volume(name: str, sizes: tuple[list[float
 def test_means_over_the_facets_of_its_own_mesh_are_those_of_the_run(degree: int) -> None:
     """On a facet the polynomials are those of its elements, whatever their degree."""
     problem = replace(PROBLEMS["tunnel"], degree=degree)
-    found = solve_static(problem, Static(mesh="scene", error_estimate=False)).details
+    found = solve_static(problem, PLAIN).details
     state = found.contact_state
     means = pressures_on_facets(problem.blocks, found.whole, found.displacements)
     # Rounding of gaps is a share of the length in which the law grows by e, whatever the pressure.
@@ -329,7 +329,7 @@ def test_facets_larger_than_elements_carry_what_the_elements_carry() -> None:
     wall = OsteomorphicWall(100.0, 40.0, 60.0, 8.0, divisions=(4, 2, 2), columns=1, layers=1)
     blocks = wall.build()
     fine = split(Problem(blocks, pipe(0.01), concrete), 2, 2)
-    found = solve_static(fine, Static(mesh="scene", error_estimate=False)).details
+    found = solve_static(fine, PLAIN).details
     state = found.contact_state
     hexahedra = replace(
         blocks, shapes=tuple(replace(shape, charts=None) for shape in blocks.shapes)
@@ -350,7 +350,7 @@ def test_facets_larger_than_elements_carry_what_the_elements_carry() -> None:
 
 def test_a_state_on_its_own_mesh_is_itself() -> None:
     problem = replace(PROBLEMS["tunnel"], degree=2)
-    found = solve_static(problem, Static(mesh="scene", error_estimate=False)).details
+    found = solve_static(problem, PLAIN).details
     again = on_degree(problem, problem.blocks.shapes, 2).system
     moved = transferred(found.displacements, found.whole, again)
     for one, other in zip(moved, found.displacements, strict=True):

@@ -11,7 +11,7 @@ import meshio
 import numpy as np
 import pytest
 
-from fem import LinearPenalty, Material, Problem, Static, concrete, solve_static
+from fem import LinearPenalty, Material, Problem, concrete, solve_static
 from fem.answer.pressures import contact_measures
 from fem.contact.search import closest_points
 from fem.decks.deck import Flavour
@@ -41,7 +41,7 @@ from geometry.files.hexahedral_solids import (
 )
 from geometry.files.mesh_io import write_hex_mesh
 from geometry.polyhedra.polyhedron import polyhedron_from_quads
-from tests.support.answers import both_kinds, on_its_mesh
+from tests.support.answers import PLAIN, both_kinds, on_its_mesh
 from tests.support.own_blocks import (
     QUADS,
     brick_corners,
@@ -116,6 +116,7 @@ def test_a_wall_is_compared_and_drawn(tubelock, tmp_path: Path) -> None:
     small = [
         *("--set", "assembly.layers=1", "--set", "assembly.columns=1"),
         *("--set", "mesh.divisions=[8,2,2]", "--set", "fem.mesh=scene"),
+        *("--set", "fem.error_estimate=false"),
     ]
     folder = tmp_path / "wall"
     status, out, _ = tubelock("compare", "osteomorphic", *small, "--no-explicit", "-o", str(folder))
@@ -262,7 +263,7 @@ def test_two_cubes_of_tetrahedra_press_evenly() -> None:
         finite_sliding=True,
         gravity=(0.0, 0.0, -9810.0),
     )
-    state = solve_static(problem, Static(mesh="scene")).details.contact_state
+    state = solve_static(problem, PLAIN).details.contact_state
     pressing = state.point_areas > 1e-6 * state.point_areas.max()
     np.testing.assert_allclose(state.point_pressures[pressing], 2.4e-9 * 9810.0 * 100.0, rtol=1e-3)
 

@@ -12,13 +12,13 @@ from fem import (
     ExponentialLaw,
     LinearPenalty,
     Problem,
-    Static,
     TabularLaw,
     solve_explicit,
     solve_static,
 )
 from fem.contact.law import ContactLawError
 from fem.contact.own_law import OwnLaw
+from tests.support.answers import PLAIN
 from tests.support.coarse_tubes import pressed
 
 OVERCLOSURES = np.concatenate([[-1.0], np.linspace(-2e-3, 6e-3, 401)])
@@ -58,8 +58,7 @@ def test_what_follows_from_two_methods_is_what_the_built_in_law_says() -> None:
 def test_an_own_law_gives_the_answer_of_the_built_in_one(problem) -> None:
     """The same law: both answers have a residual of 1e-8, pressures a gain below 1e2."""
     answers = [
-        solve_static(replace(problem, law=law), Static(mesh="scene", error_estimate=False))
-        for law in (Exponential(), problem.law)
+        solve_static(replace(problem, law=law), PLAIN) for law in (Exponential(), problem.law)
     ]
     own, built_in = (answer.contacts["pressure"] for answer in answers)
     assert np.abs(own - built_in).max() < 1e-6 * built_in.max()
@@ -72,10 +71,7 @@ def test_a_table_of_two_points_is_the_linear_law(problem) -> None:
         assert np.allclose(found, expected, rtol=1e-13, atol=1e-16)
     pressures = np.linspace(0.0, 3.0, 20)
     assert np.allclose(table.overclosure(pressures), linear.overclosure(pressures), rtol=1e-13)
-    answers = [
-        solve_static(replace(problem, law=law), Static(mesh="scene", error_estimate=False))
-        for law in (table, linear)
-    ]
+    answers = [solve_static(replace(problem, law=law), PLAIN) for law in (table, linear)]
     first, second = (answer.contacts["pressure"] for answer in answers)
     assert np.abs(first - second).max() < 1e-6 * second.max()
 
@@ -90,10 +86,7 @@ def test_a_fine_table_tends_to_its_curve(problem) -> None:
     assert np.abs(table.pressure(between) - curve.pressure(between)).max() < 1.01 * bound
     energy = table.stored_energy(between) - curve.stored_energy(between)
     assert np.abs(energy).max() < 1e-2 * 1.01 * bound
-    answers = [
-        solve_static(replace(problem, law=law), Static(mesh="scene", error_estimate=False))
-        for law in (table, curve)
-    ]
+    answers = [solve_static(replace(problem, law=law), PLAIN) for law in (table, curve)]
     largest = [answer["p_max_facet"].value for answer in answers]
     assert largest[0] == pytest.approx(largest[1], rel=2e-3)
 

@@ -10,7 +10,6 @@ import pytest
 
 from fem import (
     CoulombFriction,
-    Static,
     read_deck,
     solve_static,
     write_deck,
@@ -25,6 +24,7 @@ from mbd.limits.force_range import force_ranges
 from mbd.limits.plane import in_space
 from mbd.limits.sliding_collapse import sliding_collapse
 from mbd.options import FrictionLaw
+from tests.support.answers import PLAIN
 from tests.support.pushed_bricks import (
     EDGE,
     ROUGH,
@@ -111,6 +111,6 @@ def test_friction_of_some_joints_needs_that_of_the_others(tmp_path: Path) -> Non
     bare = load_case(data | {"effects": {}})
     with pytest.raises(RefusedError, match=r"without that of the others; expected \[effects.fric"):
         _ = bare.problem
-    smooth = solve_static(replace(case.problem, friction=None), Static(mesh="scene"))
+    smooth = solve_static(replace(case.problem, friction=None), PLAIN)
     moved = frictionless_answer(tmp_path / "pairs.toml")["measures"]["max_displacement"]["value"]
     assert moved == pytest.approx(smooth["max_displacement"].value, rel=1e-9)

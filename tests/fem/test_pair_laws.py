@@ -15,7 +15,6 @@ from fem import (
     Material,
     PairLaws,
     Problem,
-    Static,
     TabularLaw,
     concrete,
     read_deck,
@@ -27,6 +26,7 @@ from fem.decks.keywords import DeckError
 from fem.static.solve import static_state
 from fem.system.sector import largest_sector
 from geometry import shaft
+from tests.support.answers import PLAIN
 from tests.support.coarse_tubes import ring
 from tests.support.pushed_bricks import EDGE, PRESSURE, SCENE, STONE, frictionless_answer, pushed
 from validation import load_case
@@ -100,6 +100,6 @@ def test_a_scene_names_laws_by_block_and_by_material(tmp_path: Path) -> None:
     assert problem.coulomb is not None
     assert problem.coulomb.of_pairs == ((0, 1, 0.2),)
     # What decides effects leaves out friction, and no law.
-    smooth = solve_static(replace(problem, friction=None), Static(mesh="scene"))
+    smooth = solve_static(replace(problem, friction=None), PLAIN)
     moved = frictionless_answer(tmp_path / "laws.toml")["measures"]["max_displacement"]["value"]
     assert moved == pytest.approx(smooth["max_displacement"].value, rel=1e-9)

@@ -22,7 +22,7 @@ from fem import (
 )
 from fem.contact.normals import ContactNormals
 from geometry import ColumnBox, LoadCase, box_column
-from tests.support.answers import on_its_mesh
+from tests.support.answers import PLAIN, on_its_mesh
 from tests.support.own_blocks import column
 from tests.support.pressed_boxes import AREA, PRESSURE, SHEAR, SIZES, STICK, STIFF, boxes
 from tests.support.printed import printed
@@ -69,7 +69,7 @@ def test_slip_with_friction_carries_the_shear(search) -> None:
 def test_slip_without_friction_is_that_of_bulging(search) -> None:
     """A box on a rigid plane bulges by ν p / E freely: slip grows from its middle. Where the box
     stands along the plane nothing determines: differences are compared."""
-    answer = solve_static(boxes(poisson=0.2, **search), Static(mesh="scene", error_estimate=False))
+    answer = solve_static(boxes(poisson=0.2, **search), PLAIN)
     slip, area = on_upper(answer)
     where = answer.contacts["centroid"]
     expected = 0.2 * PRESSURE / 33e3 * (where - area @ where / AREA)
@@ -97,7 +97,7 @@ def test_a_clearance_stays_open_by_what_weight_leaves(search) -> None:
         finite_sliding=search,
         check_units=False,
     )
-    answer = solve_static(problem, Static(mesh="scene", error_estimate=False))
+    answer = solve_static(problem, PLAIN)
     left = 1e-3 + 2.4e-6 * 9810.0 * (50.0**2 - 30.0**2) / (2.0 * 33e3)
     assert len(answer.contacts["gap"]) == 4
     assert answer.contacts["gap"] == pytest.approx(left, rel=1e-9)
@@ -120,7 +120,7 @@ def test_an_explicit_run_slips_as_the_static_state() -> None:
 
 
 def test_files_and_pictures_have_gap_and_slip(tmp_path) -> None:
-    answer = solve_static(boxes(poisson=0.2), Static(mesh="scene", error_estimate=False))
+    answer = solve_static(boxes(poisson=0.2), PLAIN)
     write(answer, tmp_path)
     there = meshio.read(tmp_path / "contact_pressures.vtu").cell_data
     np.testing.assert_array_equal(there["slip"][0], answer.contacts["slip"])

@@ -16,7 +16,6 @@ from fem import (
     LinearPenalty,
     PairLaws,
     Problem,
-    Static,
     concrete,
     solve_explicit,
     solve_static,
@@ -28,6 +27,7 @@ from fem.decks.problem import problem_deck
 from fem.problem import Motion
 from geometry import Answer, HeldFace, LineLoad, LoadCase, PressureLoad, RefusedError
 from mbd import analyse
+from tests.support.answers import PLAIN
 from tests.support.ccx import calculix_available
 from tests.support.supports import ONE, TWO, A, X, Y, Z, case, pulled, roller, side
 from tests.verification.calculix import (
@@ -103,7 +103,7 @@ def _deck(program: Any) -> Callable[[Problem, Path], Any]:
 
 CALLS: dict[str, Callable[[Problem, Path], Any]] = {
     "rigid": lambda problem, _: analyse(problem),
-    "static": lambda problem, _: solve_static(problem, Static(mesh="scene")),
+    "static": lambda problem, _: solve_static(problem, PLAIN),
     "explicit": lambda problem, _: _explicit(problem),
     "Abaqus deck": _deck("abaqus"),
     "CalculiX deck": _deck("calculix"),
@@ -166,7 +166,7 @@ def test_statics_reject_in_a_problem_before_what_they_reject_in_the_last(
     load, stated = before
     last = Problem(TWO, _loaded(), concrete, after=Problem(TWO, load, concrete, **stated))
     with pytest.raises(RefusedError, match=words):
-        solve_static(last, Static(mesh="scene"))
+        solve_static(last, PLAIN)
 
 
 #: A roller on three sides, tractions on a plane, a line load and a motion by a table.
@@ -186,7 +186,7 @@ def test_calculix_computes_supports_and_loads_as_we_do(tmp_path: Path) -> None:
     The sums of CalculiX count the loads on the nodes of a set: none acts at x = -A/2.
     """
     problem = Problem(ONE, ALL_AT_ONCE, concrete)
-    static = solve_static(problem, Static(mesh="scene"))
+    static = solve_static(problem, PLAIN)
     ours, found = static.fields["displacement"], calculix_of(_calculix(problem), tmp_path)
     assert np.abs(found.displacements - ours).max() <= 1e-6 * np.abs(ours).max()
     reactions = static.report["reactions"]
@@ -205,7 +205,7 @@ def _calculix(problem: Problem) -> Any:
 def test_the_deck_of_abaqus_is_the_same_problem(tmp_path: Path) -> None:
     """Instances, node sets and amplitudes, expanded by a converter of Abaqus decks."""
     problem = Problem(ONE, ALL_AT_ONCE, concrete)
-    ours = solve_static(problem, Static(mesh="scene")).fields["displacement"]
+    ours = solve_static(problem, PLAIN).fields["displacement"]
     found = calculix_through_converter(problem_deck(problem, Flavour.STANDARD), tmp_path)
     assert np.abs(found.displacements - ours).max() <= 1e-6 * np.abs(ours).max()
 

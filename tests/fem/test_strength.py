@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fem import Material, Problem, Static, concrete, solve_static
+from fem import Material, Problem, concrete, solve_static
 from fem.accuracy.strength import _BoundError, _scaled_until, strength_factors
 from fem.answer.measures import measures_of
 from geometry import ColumnBox, Measure, RefusedError, box_column, pipe
@@ -19,6 +19,7 @@ from geometry.answer import measure_rows
 from geometry.loads import face_pressure
 from geometry.machine.work import LimitError
 from tests.fixtures.commands import small_meshes
+from tests.support.answers import PLAIN
 from tests.support.coarse_tubes import coarse, ring
 from validation import Case
 
@@ -36,7 +37,7 @@ def pressed(pressure: float, **strengths: float) -> Problem:
 def test_boxes_crush_where_the_pressure_is_the_strength() -> None:
     """The factor is strength over pressure; uniform compression has no tension to crack by."""
     problem = pressed(0.5, compressive_strength=30.0, tensile_strength=3.0)
-    found = solve_static(problem, Static(mesh="scene", error_estimate=False))
+    found = solve_static(problem, PLAIN)
     assert found["crushing_factor"].value == pytest.approx(60.0, rel=1e-6)
     assert found["cracking_factor"].remark.startswith("none: ")
     measures = json.loads(json.dumps(found.as_dict(), allow_nan=False))["measures"]
@@ -47,7 +48,7 @@ def test_boxes_crush_where_the_pressure_is_the_strength() -> None:
 def test_crushing_is_judged_by_the_larger_stress_and_never_without_the_pressure() -> None:
     """A stress in elements may be far below a pressure that the mesh does not resolve."""
     problem = pressed(0.5, compressive_strength=30.0)
-    state = solve_static(problem, Static(mesh="scene", error_estimate=False)).details
+    state = solve_static(problem, PLAIN).details
     measures = dict(measures_of(state))
     hidden = measures | {"p_max_point": replace(measures["p_max_point"], resolved=False)}
     factor = strength_factors(state, hidden)["crushing_factor"]
@@ -59,7 +60,7 @@ def test_crushing_is_judged_by_the_larger_stress_and_never_without_the_pressure(
 @pytest.mark.quick
 def test_tension_is_round_off_beside_other_stresses_not_beside_forces() -> None:
     problem = pressed(0.5, tensile_strength=3.0)
-    state = solve_static(problem, Static(mesh="scene", error_estimate=False)).details
+    state = solve_static(problem, PLAIN).details
     measures = dict(measures_of(state)) | {"total_reaction": Measure(1e12, "N")}
 
     def factor(tension: float) -> Measure:
@@ -91,11 +92,9 @@ def test_the_scaled_load_reaches_the_strength() -> None:
     """
     blocks = ring(1, (12, 2, 2))
     material = replace(concrete, tensile_strength=1.0)
-    found = solve_static(
-        Problem(blocks, pipe(0.01), material), Static(mesh="scene", error_estimate=False)
-    )
+    found = solve_static(Problem(blocks, pipe(0.01), material), PLAIN)
     factor = found["cracking_factor"].value
-    again = solve_static(Problem(blocks, pipe(0.01 * factor), concrete), Static(mesh="scene"))
+    again = solve_static(Problem(blocks, pipe(0.01 * factor), concrete), PLAIN)
     assert again["sigma_1_averaged"].value == pytest.approx(1.0, rel=2 * 0.03**2)
     assert abs(factor * found["sigma_1_averaged"].value - 1.0) > 0.01
     assert "cracking_factor" not in again.measures
@@ -121,7 +120,7 @@ def test_strengths_that_cannot_be_used_are_rejected() -> None:
     other = replace(problem.materials[0], tensile_strength=2.0)
     mixed = replace(problem, material=[*problem.materials[:-1], other])
     with pytest.raises(RefusedError, match="tensile_strength: got different ones"):
-        Case(mixed, Static(mesh="scene", error_estimate=False)).check()
+        Case(mixed, PLAIN).check()
 
 
 @pytest.mark.quick

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fem import LinearPenalty, Material, Problem, Static, solve_static
+from fem import LinearPenalty, Material, Problem, solve_static
 from fem.answer.forces import push_curves_of
 from fem.system.body import ModelError
 from geometry import (
@@ -24,6 +24,7 @@ from geometry import (
     TractionLoad,
     box_block,
 )
+from tests.support.answers import PLAIN
 from tests.support.drawn_blocks import cuboid, write_obj
 from validation import InputError, load_case
 
@@ -56,7 +57,7 @@ def solved(blocks: Assembly, held, *, faces=(), lines=(), degree=1, law=None):
     )
     stated = {} if law is None else {"law": law}
     problem = Problem(blocks, load, STUFF, degree=degree, check_units=False, **stated)
-    return solve_static(problem, Static(mesh="scene", error_estimate=False))
+    return solve_static(problem, PLAIN)
 
 
 def oblique() -> np.ndarray:
@@ -221,7 +222,7 @@ def test_a_scene_states_the_same_as_python() -> None:
             "loads": [{"face": "x+", "force": [4000.0, 0.0, 0.0]}],
         }
     )
-    answer = solve_static(case.problem, Static(mesh="scene", error_estimate=False))
+    answer = solve_static(case.problem, PLAIN)
     assert answer.measures["sigma_1_max"].value == pytest.approx(2.0, rel=1e-9)
     force = answer.report["reactions"]["end"]["force"]
     np.testing.assert_allclose(force, [-4000.0, 0.0, 0.0], atol=1e-6)

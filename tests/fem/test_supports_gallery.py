@@ -7,15 +7,15 @@ from typing import Any
 import numpy as np
 import pytest
 
-from fem import CoulombFriction, LinearPenalty, Material, Problem, Static, solve_static
+from fem import CoulombFriction, LinearPenalty, Material, Problem, solve_static
 from geometry import Assembly, Block, HeldFace, LoadCase, RefusedError
 from geometry.block import mapped_block
-from tests.support.answers import on_its_mesh
+from tests.support.answers import PLAIN, on_its_mesh
 from validation import load_case, solve
 
 
 def solved(name: str) -> Any:
-    return solve_static(load_case(name).problem, Static(mesh="scene", error_estimate=False))
+    return solve_static(load_case(name).problem, PLAIN)
 
 
 def test_a_beam_on_springs_is_that_of_winkler() -> None:
@@ -141,7 +141,7 @@ def press_fit(around: int, *, pressed_by: float | None = None) -> Any:
     load = LoadCase(blocks, "press fit", (), blocks.fixed, held=tuple(held))
     law = LinearPenalty(JOINT)
     problem = Problem(blocks, load, STEEL, law=law, clearance=-INTERFERENCE, **stated)
-    return solve_static(problem, Static(mesh="scene", error_estimate=False))
+    return solve_static(problem, PLAIN)
 
 
 def fit_pressure() -> float:

@@ -6,11 +6,14 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from fem import Problem
+from fem import Problem, Static
 from fem.answer.answer import answer_of
 from fem.static.solve import StaticOptions, static_state
 from geometry import Answer
 from validation import Case, load_case, solve
+
+#: On the mesh of a problem, without error bars, which take another solution.
+PLAIN = Static(mesh="scene", error_estimate=False)
 
 
 def on_its_mesh(

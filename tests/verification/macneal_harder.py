@@ -13,10 +13,11 @@ from typing import Any
 
 import numpy as np
 
-from fem import Static, solve_static
+from fem import solve_static
 from fem.decks.read.deck import deck_of_lines
 from geometry import Answer
 from geometry.mesh import CORNERS, HEX_EDGES
+from tests.support.answers import PLAIN
 from tests.support.ccx import calculix_available
 from tests.verification.deck_oracle import deck_nodes, original, ours
 
@@ -108,7 +109,7 @@ def solved_lines(
 ) -> tuple[np.ndarray, np.ndarray | None, Answer]:
     """Displacements of all nodes here and in CalculiX, and our answer."""
     deck = deck_of_lines(lines)
-    answer = solve_static(deck.problem(), Static(mesh="scene", error_estimate=False))
+    answer = solve_static(deck.problem(), PLAIN)
     nodes, theirs = deck_nodes(deck), None
     order = np.argsort(nodes.label)
     if judged and calculix_available():

@@ -38,6 +38,7 @@ from fem.accuracy.ladder import on_mesh as on_degree
 from fem.answer.measures import measures_of
 from geometry import Assembly, Measure, SineBlock, pipe, shaft, tube
 from geometry.answer import WIDEST
+from tests.support.answers import PLAIN
 from tests.verification import error_bars
 from tests.verification.concentric import Shells
 from tests.verification.error_problems import Case, cases
@@ -219,7 +220,7 @@ def test_hexahedra_of_ones_own_have_bars_from_a_finer_mesh() -> None:
     shapes = tuple(replace(shape, charts=None) for shape in boxes.blocks.shapes)
     own = on_degree(boxes, shapes, 1)
     found = solve_static(own, Static(mesh="scene"))
-    finer = solve_static(split(own, 3, 1), Static(mesh="scene", error_estimate=False))
+    finer = solve_static(split(own, 3, 1), PLAIN)
     fine = measures_of(finer.details, facets=means_on(own.blocks, finer.details))
     for name, measure in found.measures.items():
         assert measure.error is not None, name
