@@ -32,9 +32,8 @@ from fem.state import State
 from fem.system.sector import check_system
 from fem.system.system import Sector
 from geometry.answer import Answer
-from geometry.compilation.clocks import timed_stages
 from geometry.machine.system import one_thread_of_blas
-from geometry.machine.work import budget, clock, memory_limit, require_memory
+from geometry.machine.work import budget, clock, memory_limit, require_memory, timed_stages
 
 #: Frames are parts of this part of the longest run, where it may end early and has no ramp.
 _FINE = 200.0

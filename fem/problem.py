@@ -302,7 +302,7 @@ class Problem:
             check_contacts(blocks, _supported(load))
             return
         from fem.system.build import check_held
-        from geometry.meshing.overlaps import check_mesh_overlaps
+        from geometry.interface import check_mesh_overlaps
 
         for shape in blocks.shapes:
             if shape.charts is None:  # those of families are checked when they are made

@@ -19,11 +19,10 @@ from geometry.answer import (
     place,
 )
 from geometry.assembly import Assembly
-from geometry.compilation.clocks import Stopwatch, timed_stages
 from geometry.errors import RefusedError
 from geometry.loads import LoadCase
 from geometry.machine.system import one_thread_of_blas
-from geometry.machine.work import budget, clock, require_memory
+from geometry.machine.work import Stopwatch, budget, clock, require_memory, timed_stages
 from geometry.mesh import FloatArray, IntArray
 from geometry.parts.dimensions import Built, dimensions
 from geometry.parts.measures import (

@@ -11,10 +11,10 @@ import pytest
 from hypothesis import settings
 
 from geometry import Assembly
-from geometry.compilation.clocks import compiling
 from geometry.families.boxes import BrickStack
 from geometry.families.sine_block import SineBlockDivisions
 from geometry.families.tube import SineTube
+from geometry.machine.work import compiling
 from tests.fixtures.commands import small_meshes, undrawn
 from tests.support.blocks import tsb
 from tests.support.commands import command

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias, cast
 
 from fem.method import Explicit, Static
-from geometry.compilation.clocks import timed_stages
+from geometry.machine.work import timed_stages
 from mbd.options import Rigid
 from validation.errors import InputError, named
 from validation.scene.combinations import combined

@@ -49,8 +49,8 @@ from geometry.machine.work import (
     memory_limit,
     stop,
 )
-from geometry.meshing.refinement import charts_of
 from geometry.parts.rows import Part
+from geometry.refinement import charts_of
 
 #: Relative error bars that an answer has by default [-].
 TARGETS: Mapping[str, float] = {

@@ -27,10 +27,9 @@ from fem.state import State
 from fem.system.sector import representatives
 from fem.system.system import System
 from geometry.assembly import Assembly
-from geometry.block import Block
+from geometry.block import Block, Charts, facet_elements, places_in
 from geometry.mesh import BoolArray, FloatArray, IntArray, grid_points
-from geometry.meshing.charts import Charts, facet_elements, places_in
-from geometry.meshing.refinement import charts_as, charts_of
+from geometry.refinement import charts_as, charts_of
 
 #: Points on facets that are evaluated at a time: what a cache holds.
 _AT_ONCE = 1 << 16

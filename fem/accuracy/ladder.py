@@ -23,12 +23,11 @@ import numpy as np
 
 from fem.problem import Problem
 from geometry.assembly import Assembly
-from geometry.block import Block
+from geometry.block import ANY_DIRECTION, Block, Charts, repeated
 from geometry.loads import LoadCase
 from geometry.mesh import FloatArray
-from geometry.meshing.charts import ANY_DIRECTION, Charts, repeated
-from geometry.meshing.refinement import charts_of, with_lines
 from geometry.parts.placed import AssemblyError
+from geometry.refinement import charts_of, with_lines
 
 #: Measures that gain with the degree.
 INTEGRALS = frozenset({"max_displacement", "p_eff", "sigma_1_averaged"})

@@ -37,10 +37,17 @@ from fem.static.path import LOAD_TOLERANCE
 from fem.static.solve import StaticOptions, static_state
 from fem.system.sector import check_system
 from geometry.answer import Answer, Measure
-from geometry.compilation.clocks import Stopwatch, timed_stages
 from geometry.errors import RefusedError
 from geometry.machine.system import one_thread_of_blas
-from geometry.machine.work import Budget, LimitError, budget, clock, unlimited
+from geometry.machine.work import (
+    Budget,
+    LimitError,
+    Stopwatch,
+    budget,
+    clock,
+    timed_stages,
+    unlimited,
+)
 from geometry.parts.rows import Notes, Part, Row
 
 if TYPE_CHECKING:

@@ -1,6 +1,6 @@
 """Displacements of one mesh on another of the same blocks: a start to go on from, and facets.
 
-Points of a block keep their chart and parameters on every mesh (`geometry.meshing.charts`), so
+Points of a block keep their chart and parameters on every mesh (`geometry.block`), so
 values there are those of the functions of the elements in which they lie.
 """
 
@@ -12,10 +12,9 @@ from scipy.sparse import csr_array
 from fem.element.facet import facet_values
 from fem.element.kinds import element_of
 from fem.system.system import System
-from geometry.block import Block
+from geometry.block import Block, Places, located, places_in
 from geometry.mesh import CORNERS, HEX_FACES, FloatArray, HexMesh, IntArray, row_keys
-from geometry.meshing.charts import Places, located, places_in
-from geometry.meshing.refinement import charts_of
+from geometry.refinement import charts_of
 
 
 def node_places(block: Block) -> Places:

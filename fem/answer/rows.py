@@ -22,8 +22,8 @@ from geometry.assembly import Assembly
 from geometry.machine.work import LIMITS
 from geometry.mesh import FloatArray
 from geometry.parts.balance import balance_rows, reaction_rows
+from geometry.parts.dimensions import has_faces
 from geometry.parts.rows import Row, grouped, number
-from geometry.parts.walls import has_faces
 
 if TYPE_CHECKING:
     from fem.explicit.run import Run

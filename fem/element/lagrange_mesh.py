@@ -14,7 +14,7 @@ import numpy.typing as npt
 
 from fem.element.kinds import block_lumped_mass
 from fem.element.lagrange import Lagrange
-from geometry.block import Block
+from geometry.block import Block, facet_corners
 from geometry.mesh import (
     FloatArray,
     HexMesh,
@@ -23,7 +23,6 @@ from geometry.mesh import (
     structured_hexahedra,
     structured_quads,
 )
-from geometry.meshing.charts import facet_corners
 
 #: Shares of corners in a node are told apart to this, far above rounding.
 _SHARE = 1e-6

@@ -37,9 +37,8 @@ from fem.state import State
 from fem.system.body import Body
 from fem.system.effects import LEAST_FACTOR
 from fem.system.time_step import CriticalTimeStep, TimeStepError
-from geometry.compilation.clocks import compiling
 from geometry.errors import RefusedError
-from geometry.machine.work import Budget, Operation, budget, count
+from geometry.machine.work import Budget, Operation, budget, compiling, count
 from geometry.machine.work import clock as cpu_clock
 from geometry.mesh import FloatArray
 

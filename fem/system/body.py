@@ -27,9 +27,9 @@ from fem.element.kinds import (
     point_stress,
 )
 from fem.element.material import Material
+from geometry.block import facet_elements
 from geometry.errors import RefusedError
 from geometry.mesh import FloatArray, HexMesh, IntArray, ReadOnlyArrays
-from geometry.meshing.charts import facet_elements
 
 
 class ModelError(RefusedError):

@@ -29,7 +29,7 @@ from numba.core.caching import CompileResultCacheImpl, IndexDataCacheFile, NullC
 from numba.core.runtime import rtsys
 from numba.misc.appdirs import AppDirs
 
-from geometry.compilation.clocks import CLOCKS
+from geometry.machine.work import CLOCKS
 
 _LOG = logging.getLogger(__name__)
 

@@ -23,7 +23,7 @@ from typing import Annotated
 import numpy as np
 from annotated_types import Ge
 
-from geometry.block import Block, Curve
+from geometry.block import Block, Charts, Curve, Lines
 from geometry.families.sine_block import BlockParameterError
 from geometry.mesh import (
     FloatArray,
@@ -33,7 +33,6 @@ from geometry.mesh import (
     grid_points,
     structured_quads,
 )
-from geometry.meshing.charts import Charts, Lines
 from geometry.parts.options import Count, Length, Options
 
 #: Names of the six sides, edge by edge.

@@ -22,7 +22,7 @@ from geometry.families.boxes import ColumnBox, box_column
 from geometry.families.planar_wall import OsteomorphicWall
 from geometry.loads import face_pressure
 from geometry.mesh import FloatArray, volume_and_centroid
-from geometry.meshing.refinement import charts_of
+from geometry.refinement import charts_of
 from tests.support.stated import stated
 
 pytestmark = pytest.mark.quick

@@ -16,10 +16,10 @@ from fem.stresses import ball_averages
 from fem.stresses.ball_averages import _Cells, _tension, averaged_tension
 from fem.stresses.recovery import MovedBodies, cells_of, grid_places
 from fem.system.body import placed_body
+from geometry.block import Places
 from geometry.files.mesh_io import write_lagrange_cells
 from geometry.mesh import FloatArray
-from geometry.meshing.charts import Places
-from geometry.meshing.refinement import charts_of
+from geometry.refinement import charts_of
 from tests.support.blocks import random_rotation
 from tests.support.curved_blocks import CONCRETE, block
 

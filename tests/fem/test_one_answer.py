@@ -37,9 +37,9 @@ from geometry import (
     tube,
     tunnel,
 )
+from geometry.block import unit_lines
 from geometry.families.hexagon_block import HexagonBlockDivisions, hexagon_block
-from geometry.meshing.charts import unit_lines
-from geometry.meshing.refinement import charts_of, with_lines
+from geometry.refinement import charts_of, with_lines
 from tests.support.answers import PLAIN, by_options
 from tests.support.coarse_tubes import coarse, ring
 from tests.support.commands import ANSWER_FILES

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from geometry.compilation import njit
-from geometry.compilation.clocks import compiling, summed, timed_stages
+from geometry.machine.work import compiling, summed, timed_stages
 
 ROOT = Path(__file__).parents[2]
 

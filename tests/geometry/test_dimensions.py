@@ -12,8 +12,7 @@ from geometry import SineBlock, tube
 from geometry.families.boxes import BrickStack
 from geometry.families.masonry import CircularArch
 from geometry.files.hexahedral_solids import with_hexahedra
-from geometry.parts.dimensions import dimensions
-from geometry.parts.walls import least_wall
+from geometry.parts.dimensions import dimensions, least_wall
 from geometry.polyhedra.polyhedron import Polyhedron
 from tests.support.coarse_tubes import coarse
 

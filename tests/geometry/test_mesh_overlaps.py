@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from geometry.assembly import Assembly
 from geometry.families.boxes import ColumnBox, box_column
-from geometry.meshing.overlaps import check_mesh_overlaps
+from geometry.interface import check_mesh_overlaps
 from geometry.parts.placed import AssemblyError
 
 pytestmark = pytest.mark.quick

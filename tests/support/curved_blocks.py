@@ -7,7 +7,7 @@ import numpy as np
 from fem import Material, Problem
 from geometry.block import Block
 from geometry.families.sine_block import TSB1, SineBlockDivisions, sine_block
-from geometry.meshing.refinement import charts_of
+from geometry.refinement import charts_of
 from validation import load_case
 
 CONCRETE = Material(density=2.4e-9, young_modulus=33e3, poisson_ratio=0.2)

@@ -16,10 +16,9 @@ from fem.method import Static
 from fem.problem import Frames, Problem
 from geometry.answer import Answer
 from geometry.assembly import Assembly
-from geometry.compilation.clocks import summed
 from geometry.loads import CASES, LoadCase
 from geometry.machine.system import peak_memory_mb
-from geometry.machine.work import LimitError, budget
+from geometry.machine.work import LimitError, budget, summed
 from geometry.parts.block_selection import chosen_blocks
 from geometry.parts.measures import Planes, SectionError, planes
 from geometry.parts.placed import AnyBlocks

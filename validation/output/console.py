@@ -16,8 +16,8 @@ from rich.status import Status
 from rich.table import Table
 from rich.text import Text
 
-from geometry.compilation.clocks import compiling
 from geometry.machine.system import children_cpu_seconds, peak_memory_mb
+from geometry.machine.work import compiling
 from geometry.parts.rows import WIDTH
 
 if TYPE_CHECKING:

@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import Any
 
 from geometry.answer import Answer
-from geometry.compilation.clocks import summed
+from geometry.machine.work import summed
 from geometry.parts.rows import Row, number
 from mbd import MechanismClass
 from mbd.answer import analyse

@@ -7,7 +7,7 @@ from functools import partial
 
 import numpy as np
 
-from geometry.block import Block
+from geometry.block import ANY_DIRECTION, Block, Charts, Lines, facet_elements, repeated
 from geometry.errors import RefusedError
 from geometry.mesh import (
     FloatArray,
@@ -17,7 +17,6 @@ from geometry.mesh import (
     shape_values,
     structured_hexahedra,
 )
-from geometry.meshing.charts import ANY_DIRECTION, Charts, Lines, facet_elements, repeated
 
 #: Nodes that lie closer than this share of the size of a block are one.
 _SAME_NODE = 1e-7

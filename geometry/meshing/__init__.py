@@ -1,1 +1,0 @@
-"""Blocks meshed anew: lines of a grid in the parameters of a shape, and finer hexahedra."""
