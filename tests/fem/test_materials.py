@@ -117,7 +117,7 @@ def test_a_beam_of_two_materials_bends_as_beam_theory_says() -> None:
 
 
 def test_rigid_and_deformable_blocks_weigh_by_their_own_density() -> None:
-    """The joint carries the upper box alone, whichever solver is asked."""
+    """The joint carries the upper box alone, whichever solver is asked, and its mass is told."""
     weight = 9810.0 * STIFF.density * WIDTH**2 * HEIGHTS[1]
     still = column(gravity=(0.0, 0.0, -9810.0))
     still = replace(still, load=LoadCase(still.blocks, "none", (), np.array([True, False])))
@@ -125,6 +125,7 @@ def test_rigid_and_deformable_blocks_weigh_by_their_own_density() -> None:
     answer = solve_static(still, PLAIN)
     force = answer.contacts["pressure"] @ answer.contacts["area"]
     assert force == pytest.approx(weight, rel=1e-7)
+    assert 9810.0 * answer.report["dimensions"]["mass"] == pytest.approx(weight, rel=1e-12)
 
 
 # ---------------------------------------------------------------------------------------------

@@ -148,6 +148,7 @@ def test_a_measure_is_a_number_with_error_unit_and_place(static) -> None:
 def test_the_table_is_the_repr(static) -> None:
     assert repr(static).splitlines()[0] == static.title
     assert list(static.rows) == ["verdict", "measures", "evidence", "model", "time"]
+    assert static.rows["verdict"][0].words.startswith("equilibrium after ")
     for word in ("largest displacement", "pressure at a point", "von Mises", "MPa", "block"):
         assert word in repr(static)
         assert word in static._repr_html_()

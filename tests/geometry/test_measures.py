@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from geometry.answer import title_of
-from geometry.parts.measures import Resultants, block_measures, measures, planes
+from geometry.parts.measures import Resultants, block_measures, chain, measures, planes
 from geometry.polyhedra.facet_contact import PatchContacts
 from tests.support.coarse_tubes import keys
 from validation import load_case, solve
@@ -128,6 +128,16 @@ def test_the_normal_force_acts_where_it_has_the_moment() -> None:
     assert (e[2] == 0.0).all()
     assert found.points == pytest.approx(found.centroids + e)
     assert found.shear_force**2 + found.normal_force**2 == pytest.approx((forces**2).sum(axis=1))
+
+
+def test_joints_are_a_row_where_no_block_has_three() -> None:
+    """From the end with the lower number; a way that splits and meets again has two ends too."""
+    row, fork = [(2, 3), (0, 1), (1, 2)], [(0, 1), (1, 2), (2, 3), (1, 3), (3, 4)]
+    of_row, of_fork = (
+        chain(SimpleNamespace(block_m=m, block_s=s)) for m, s in (np.array(row).T, np.array(fork).T)
+    )
+    assert of_row.tolist() == [1, 2, 0]
+    assert of_fork is None
 
 
 def test_contacts_without_a_patch_add_to_none() -> None:

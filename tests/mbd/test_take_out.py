@@ -102,6 +102,7 @@ def test_the_puzzle_comes_apart_in_its_order(fixed: str, order: list[tuple[int, 
     found = take_out(blocks)
     assert [way.blocks for way in found.order] == order
     assert (found.left == ()) == bool(order)
+    assert (", 1 times several as one" in found.words) is ((0, 1, 2) in order)
     if order:
         assert found.assembly_order == tuple(reversed(order))
 
