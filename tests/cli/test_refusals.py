@@ -88,6 +88,10 @@ def _names() -> Names:
     search = {"scene": "tsb1-pipe", "minimise": "p_max", "evaluations": 6}
     search |= {"variables": {"block.amplitude": [10, 20]}}
     solids = geometry.Assembly.from_blocks([low, high], fixed=[0])
+    four = [(100.0 * cube + [0.0, 0.0, 100.0 * k], quads) for k in range(4)]
+    stack = geometry.Assembly.from_blocks(four, fixed=[0])
+    weight = {"friction": 0.6, "gravity": (0.0, 0.0, -9810.0)}
+    tower = fem.Problem(stack, None, fem.concrete, **weight)
     return Names(locals() | {"np": np, "replace": replace})
 
 

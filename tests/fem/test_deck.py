@@ -13,14 +13,12 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from fem import read_deck
 from fem.decks.deck import Flavour
-from fem.decks.problem import deck_lines, problem_deck
+from fem.decks.problem import problem_deck
 from fem.decks.read.cards import Card, read_cards
 from fem.system.effects import SAFETY_FACTOR
 from tests.support.coarse_tubes import coarse
 from tests.support.decks import exported
-from tests.support.fem_problems import loaded_nodes
 from validation import load_case
 
 pytestmark = pytest.mark.quick
@@ -262,28 +260,6 @@ def test_a_long_explicit_deck_recommends_double_precision(end_time, double, tmp_
     notes = said(exported(tmp_path / "a.inp", "tsb1-pipe", settings))
     assert f"step: {expected:.2g} increments of" in notes
     assert ("double=both" in notes) is double
-
-
-def test_elastic_frame_is_held_at_its_outer_faces() -> None:
-    problem = load_case("tsb1-pipe", [*COARSE, "effects.elastic_frame=true"]).problem
-    lines = list(deck_lines(problem_deck(problem, Flavour.STANDARD)))
-    held = {card.keyword: card for card in read_cards(lines)}["BOUNDARY"].data
-    assert {line.split(",")[0].split(".")[1] for line in held} == {"BOTTOM-NODES", "TOP-NODES"}
-    assert {line.split(", ", 1)[1] for line in held} == {"1, 3"}
-
-
-@pytest.mark.parametrize("name", ["cantilever"])
-def test_boxes_give_the_model_of_the_scene(name, tmp_path: Path) -> None:
-    """The imported deck states what `tubelock fem` computes."""
-    settings = ["fem.method=explicit", "fem.end_time=0.001"]
-    path = exported(tmp_path / "box.inp", name, settings, flavour="general")
-    model = read_deck(path).problem().system
-    ours = load_case(name, settings).problem.system
-    assert model.n_elements == ours.n_elements
-    assert model.bodies[0].element is ours.bodies[0].element
-    forces = [loaded_nodes(m)[1].sum(axis=0) for m in (model, ours)]
-    assert np.allclose(*forces, rtol=1e-12)
-    assert len(model.supports.block) == len(ours.supports.block)
 
 
 def test_explicit_box_for_calculix_gets_a_stable_time_step(tmp_path: Path) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -15,8 +16,7 @@ from fem.decks.deck import Deck, Flavour
 from fem.decks.faces import contact_patches, facing_faces
 from fem.decks.keywords import ENTRIES_PER_LINE, LINE_LENGTH, DeckError, entry_lines
 from fem.decks.laws import law_heading, law_lines, law_notes, law_table
-from fem.decks.problem import deck_lines, problem_deck
-from fem.decks.read.deck import deck_of_lines
+from fem.decks.problem import problem_deck
 from fem.method import Explicit
 from fem.system.time_step import characteristic_time_step
 from tests.support.coarse_tubes import coarse
@@ -39,19 +39,19 @@ class Own(ExponentialLaw.__mro__[1]):  # type: ignore[misc]
         return LawConstants(0.0, 1.0, 0.0, 0.0, 0.0, 5.0, 0.0)
 
 
-@pytest.mark.parametrize("written", [law_heading, static_notes, law_table])
+@pytest.mark.parametrize(
+    "written",
+    [
+        *(law_heading, static_notes, law_table),
+        *(partial(law_lines, explicit=explicit) for explicit in (True, False)),
+    ],
+)
 def test_a_law_without_deck_lines_is_rejected_by_name(written) -> None:  # type: ignore[no-untyped-def]
     assert float(Own().pressure(2.0)) == 10.0
     with pytest.raises(DeckError, match=r"contact.law: got 'own'.*expected 'exponential'"):
         written(Own())
     for known in (ExponentialLaw(), LinearPenalty(3.0)):
         written(known)
-
-
-def test_neither_flavour_takes_it_for_the_exponential_law() -> None:
-    for explicit in (True, False):
-        with pytest.raises(DeckError, match="'own'"):
-            law_lines(Own(), explicit=explicit)  # type: ignore[arg-type]
 
 
 def tube_deck(flavour: Flavour, *keys: str) -> Deck:
@@ -79,15 +79,6 @@ def test_fixed_blocks_have_no_contact_with_each_other() -> None:
     assert matched == whole
     assert len(matched) == 20
     assert not any(pair <= held for pair in matched)
-
-
-def test_fixed_blocks_are_held_in_every_direction() -> None:
-    for flavour in Flavour:
-        lines = list(deck_lines(tube_deck(flavour)))
-        at = lines.index("*Boundary")
-        assert lines[at + 1] == "FRAME, 1, 3"
-        read = deck_of_lines(lines).problem().load_case.fixed
-        np.testing.assert_array_equal(read, tube_deck(flavour).assembly.fixed)
 
 
 def test_the_time_step_of_elements_knows_bulk_viscosity_where_there_is_one() -> None:

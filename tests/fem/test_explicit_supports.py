@@ -11,10 +11,9 @@ from scipy.linalg import eigh
 from fem import Explicit, Problem, concrete, solve_explicit, solve_static
 from fem.answer.forces import imbalance_of, joints_of, reactions_of
 from fem.problem import Motion
-from fem.system.body import ModelError
 from fem.system.effects import Effects
 from fem.system.sector import SymmetryError
-from fem.system.time_step import TimeStepError, critical_time_step
+from fem.system.time_step import critical_time_step
 from geometry.loads import LineLoad
 from tests.support.answers import PLAIN, on_its_mesh
 from tests.support.coarse_tubes import coarse, pressed
@@ -103,28 +102,6 @@ def test_the_time_step_is_that_of_block_and_springs() -> None:
     assert step == pytest.approx(2.0 / np.sqrt(squares[-1]), rel=1e-5)
     soft = Problem(ONE, case(ONE, held=(*SIDES, roller(ONE, 0, -Z))), concrete).system.bodies
     assert step < 0.9 * critical_time_step(soft, Effects()).critical_time_step
-
-
-def test_springs_of_blocks_that_turn_are_rejected() -> None:
-    held = (*GUIDES, roller(TWO, 1, Z, spring=1.0))
-    load = case(TWO, [pulled(TWO, 1, Z, -0.5 * Z)], held)
-    problem = Problem(TWO, load, concrete, finite_rotation=True)
-    method = Explicit(damping="static", end_time=0.01)
-    with pytest.raises(ModelError, match="springs: got blocks that may turn by any angle"):
-        solve_explicit(problem, method)
-
-
-def test_a_motion_in_no_time_is_rejected() -> None:
-    problem = Problem(TWO, CASES["support that moves"], concrete)
-    with pytest.raises(TimeStepError, match="got 0 with a support that moves"):
-        solve_explicit(
-            problem,
-            Explicit(
-                damping="static",
-                ramp_time=0.0,
-                end_time=0.01,
-            ),
-        )
 
 
 @pytest.mark.parametrize("symmetry", ["sector", "none"])

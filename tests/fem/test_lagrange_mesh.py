@@ -9,19 +9,16 @@ import numpy as np
 import pytest
 
 from fem import (
-    Explicit,
     LinearPenalty,
     Material,
     Problem,
     Static,
-    solve_explicit,
     solve_static,
 )
 from fem.answer.pressures import contact_measures, largest_pressure
 from fem.contact.normals import ContactNormals
 from fem.element.kinds import block_lumped_mass
 from fem.element.lagrange_mesh import LagrangeMesh, in_pieces, with_degree
-from fem.problem import ProblemError
 from fem.static.solve import StaticMethod, StaticOptions
 from fem.system.body import placed_body
 from fem.system.forces import pressure_forces
@@ -215,11 +212,6 @@ def test_error_bars_hold_the_next_degree() -> None:
         if measure.resolved and abs(measure.value - finer[name].value) > errors[name]
     ]
     assert len(missed) <= 1, missed
-
-
-def test_explicit_runs_of_higher_degree_are_refused_by_name() -> None:
-    with pytest.raises(ProblemError, match="degree: got 2; explicit runs have"):
-        solve_explicit(column(2), Explicit())
 
 
 def test_a_block_keeps_its_corners() -> None:

@@ -146,7 +146,10 @@ def wedge() -> Polyhedron:
 
 @pytest.mark.parametrize(
     ("gap", "clearance", "sliding", "periods"),
-    [(0.0, 0.0, False, 16), (0.3, 0.0, False, 64), (0.3, 0.0, True, 64), (0.0, 0.3, False, 64)],
+    [
+        *((0.0, 0.0, False, 16), (0.0, 0.0, True, 16), (0.3, 0.0, False, 64)),
+        *((0.3, 0.0, True, 64), (0.0, 0.3, False, 64)),
+    ],
 )
 def test_friction_loads_as_slowly_whatever_made_the_gap(
     tmp_path: Path, gap: float, clearance: float, sliding: bool, periods: int

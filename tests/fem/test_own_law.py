@@ -8,12 +8,10 @@ import numpy as np
 import pytest
 
 from fem import (
-    Explicit,
     ExponentialLaw,
     LinearPenalty,
     Problem,
     TabularLaw,
-    solve_explicit,
     solve_static,
 )
 from fem.contact.law import ContactLawError
@@ -89,12 +87,6 @@ def test_a_fine_table_tends_to_its_curve(problem) -> None:
     answers = [solve_static(replace(problem, law=law), PLAIN) for law in (table, curve)]
     largest = [answer["p_max_facet"].value for answer in answers]
     assert largest[0] == pytest.approx(largest[1], rel=2e-3)
-
-
-def test_explicit_runs_name_the_laws_that_they_take(problem) -> None:
-    words = "compiled loops of explicit runs take ExponentialLaw or LinearPenalty"
-    with pytest.raises(ContactLawError, match=words):
-        solve_explicit(replace(problem, law=Exponential()), Explicit())
 
 
 class Wrong(Exponential):

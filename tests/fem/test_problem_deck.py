@@ -51,20 +51,6 @@ def test_a_table_is_one_for_calculix(problem, tmp_path: Path) -> None:
     assert [path.name for path in tmp_path.iterdir()] == ["a.inp"]
 
 
-@pytest.mark.parametrize(
-    ("changes", "options", "words"),
-    [
-        ({"degree": 2}, {}, "degree: got 2; decks have elements of degree 1: expected 1"),
-        ({}, {"program": "nastran"}, "program: got 'nastran'; expected abaqus"),
-    ],
-)
-def test_what_no_deck_says_is_refused(problem, changes, options, words, tmp_path: Path) -> None:
-    with pytest.raises(DeckError, match=words):
-        write_deck(replace(problem, **changes), tmp_path / "case.inp", **options)
-    with pytest.raises(DeckError, match=r"ends in \.inp"):
-        write_deck(problem, tmp_path / "case.txt")
-
-
 def test_names_of_blocks_are_labels_of_their_own_in_decks(problem, tmp_path: Path) -> None:
     """Dots, blanks, digits in front and letters of other languages stay out of labels; names that
     would be the same label, or differ in case alone, get a number. Blocks keep their shapes."""

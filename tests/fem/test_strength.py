@@ -21,7 +21,6 @@ from geometry.machine.work import LimitError
 from tests.fixtures.commands import small_meshes
 from tests.support.answers import PLAIN
 from tests.support.coarse_tubes import coarse, ring
-from validation import Case
 
 TUBE = coarse(2, 2)
 
@@ -112,15 +111,6 @@ def test_rigid_contacts_crush_in_proportion(tubelock) -> None:
     words = "by mean pressures of facets of rigid blocks, without peaks"
     assert words in " ".join(out.replace("│", " ").split())
     assert "compressive_strength" not in out.partition("ignored")[2]
-
-
-@pytest.mark.quick
-def test_strengths_that_cannot_be_used_are_rejected() -> None:
-    problem = pressed(0.5, tensile_strength=3.0)
-    other = replace(problem.materials[0], tensile_strength=2.0)
-    mixed = replace(problem, material=[*problem.materials[:-1], other])
-    with pytest.raises(RefusedError, match="tensile_strength: got different ones"):
-        Case(mixed, PLAIN).check()
 
 
 @pytest.mark.quick

@@ -26,7 +26,7 @@ from geometry import (
 )
 from tests.support.answers import PLAIN
 from tests.support.drawn_blocks import cuboid, write_obj
-from validation import InputError, load_case
+from validation import load_case
 
 SIZE = np.array([100.0, 50.0, 40.0])
 E, NU = 1000.0, 0.3
@@ -172,22 +172,6 @@ BOX = {
     "mesh": {"divisions": [2, 1, 1]},
     "fem": {"mesh": "scene", "error_estimate": False},
 }
-
-
-PANEL = {"block": {"type": "tetrahedra", "edge": 90.0}, "assembly": {"columns": 1, "rows": 1}}
-
-
-@pytest.mark.parametrize(
-    ("stated", "said"),
-    [
-        ({"supports": [{"plane": {"z": 0.0}, "blocks": [0]}]}, r"supports\[0\].blocks: block 0 is"),
-        ({"loads": [{"force": [0, 0, 1], "blocks": [0]}]}, r"loads\[0\].blocks: block 0 is fixed"),
-        ({"load": {"push": {"block": 0, "distance": 1.0}}}, r"load.push.block: block 0 is fixed"),
-    ],
-)
-def test_what_holds_or_loads_a_fixed_block_is_rejected(stated: dict, said: str) -> None:
-    with pytest.raises(InputError, match=said):
-        _ = load_case(PANEL | stated, method="rigid").problem.rigid_load
 
 
 def test_a_name_of_several_blocks_is_all_of_them_or_none(tmp_path: Path) -> None:

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from fem import LinearPenalty, Material, Problem, solve_static
-from fem.problem import ProblemError
 from geometry import Assembly, ColumnBox, LoadCase, box_block, box_column
 from mbd import analyse
 from tests.support.answers import PLAIN
@@ -74,8 +73,3 @@ def test_matching_meshes_stay_paired() -> None:
     assert not other.finite_sliding
     for name in ("p_max_facet", "largest_joint_force"):
         assert analyse(other)[name].value == pytest.approx(analyse(problem)[name].value, rel=1e-9)
-
-
-def test_stated_sliding_is_still_no_rigid_answer() -> None:
-    with pytest.raises(ProblemError, match=r"finite_sliding: got True.*expected it off"):
-        analyse(weighing(turned(0.3), finite_sliding=True))

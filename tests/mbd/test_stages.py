@@ -10,11 +10,9 @@ import pytest
 
 from fem import CoulombFriction, Problem, concrete
 from geometry import SineBlock, tube
-from geometry.errors import RefusedError
 from geometry.families.masonry import CircularArch
 from geometry.polyhedra.assembly import PolyhedralAssembly, polyhedral_assembly
 from mbd import analyse, stages, take_out
-from mbd.building.order import StagesError
 from mbd.building.stages import Stands
 from mbd.options import Along, Stages
 from tests.support.assemblies import boxes
@@ -172,23 +170,3 @@ def test_a_tube_goes_together_layer_by_layer() -> None:
     assert not any(stage.blocked for stage in found)
     assert all(stage.stands is Stands.STANDS for stage in found)
     assert found[3].answer.details.mechanism == analyse(given).details.mechanism
-
-
-@pytest.mark.quick
-@pytest.mark.parametrize(
-    ("order", "words"),
-    [
-        ([1, 2], "stages.order: block 3 is in no stage; expected every free block once"),
-        ([1, 2, 2, 3], "stages.order: got block 2 twice; expected each once"),
-        ([1, 2, 7, 3], "got block 7, but there are 4 blocks"),
-        ([1, [], 2, 3], "stages.order: got a stage without blocks"),
-        ("upwards", "expected a list of blocks by number or name"),
-        (Stages(order=[3, 1, 2], props=[1]), "block 3 is placed where it touches nothing"),
-    ],
-)
-def test_an_order_that_cannot_be_followed_is_one_line(order: Any, words: str) -> None:
-    stack = boxes(*(((0, 0, 60 * k), (200, 100, 60 * k + 60)) for k in range(4)), fixed=1)
-    with pytest.raises(RefusedError, match=words[:60]):
-        stages(problem(stack, 0.6), order)
-    with pytest.raises(StagesError, match="no weight"):
-        stages(Problem(stack, None, concrete), "layers")

@@ -17,7 +17,6 @@ from geometry.parts.supports import HeldFace
 from geometry.polyhedra.assembly import as_polyhedral
 from mbd import MechanismClass, analyse, contact_jacobian
 from mbd.contacts.friction import frictional_contacts
-from mbd.contacts.supports import RigidSupportError
 from mbd.equilibrium import frictional_equilibrium
 from mbd.limits.collapse import collapse_load
 from mbd.limits.force_range import force_ranges
@@ -217,19 +216,6 @@ def test_resistance_to_pushes_counts_rollers(stack):
     margin = interlocking_margin(contacts)
     assert np.isinf(margin.areas[0, 0]).all()
     assert margin.areas[0, 1].max() == 0.0
-
-
-@pytest.mark.parametrize(
-    ("stated", "words"),
-    [
-        ({"spring": 1.0}, "bed: got springs; the rigid-block analysis has no stiffness"),
-        ({"displacement": 0.1 * X}, "bed: got a support that moves"),
-    ],
-)
-def test_springs_and_motions_are_rejected_by_name(stack, stated, words):
-    load = case(stack, held=(roller(stack, 1, -X, name="bed", **stated),))
-    with pytest.raises(RigidSupportError, match=words):
-        analyse(stack, load=load)
 
 
 def test_names_of_faces_are_those_of_the_file(stack):
