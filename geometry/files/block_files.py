@@ -599,8 +599,16 @@ def _solids_of(
     ]
 
 
+def _has_sides(gmsh: Any, face: int) -> bool:
+    """Whether a face has three or four sides; gmsh crashes on a seam, as of a ball or a torus."""
+    curves = [curve for _, curve in gmsh.model.getBoundary([(2, face)], combined=False)]
+    return len({abs(curve) for curve in curves}) == len(curves) in {3, 4}
+
+
 def _made_of_hexahedra(gmsh: Any, divisions: int) -> bool:
     """Try a transfinite mesh of the current model."""
+    if not all(_has_sides(gmsh, face) for _, face in gmsh.model.getEntities(2)):
+        return False
     try:
         gmsh.model.mesh.setTransfiniteAutomatic()
         for _, curve in gmsh.model.getEntities(1):

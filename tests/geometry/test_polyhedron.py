@@ -311,6 +311,22 @@ def test_step_solids_through_gmsh(tmp_path: Path) -> None:
     assert step_hexahedra(tmp_path / "two.step") == []
 
 
+@pytest.mark.parametrize("solid", ["ball", "torus"])
+def test_a_step_solid_with_a_seam_has_no_grid(solid: str, tmp_path: Path) -> None:
+    """A seam bounds a face twice: gmsh crashed with the whole run when it sought a grid there."""
+    gmsh = pytest.importorskip("gmsh", exc_type=(ImportError, OSError))
+    gmsh.initialize(interruptible=False)
+    gmsh.option.setNumber("General.Terminal", 0)
+    if solid == "ball":
+        gmsh.model.occ.addSphere(0, 0, 0, 10)
+    else:
+        gmsh.model.occ.addTorus(0, 0, 0, 10, 2)
+    gmsh.model.occ.synchronize()
+    gmsh.write(str(tmp_path / "round.step"))
+    gmsh.finalize()
+    assert step_hexahedra(tmp_path / "round.step") == []
+
+
 def test_a_step_box_becomes_hexahedra(tmp_path: Path) -> None:
     gmsh = pytest.importorskip("gmsh", exc_type=(ImportError, OSError))
     gmsh.initialize(interruptible=False)
