@@ -152,16 +152,21 @@ def connected_solids(
 
 
 def _of_solids(blocks: list[Block], solids: list[Polyhedron]) -> list[Block]:
-    """Assign to each solid the hexahedra that fill it."""
-    centres = np.array([block.centroid for block in blocks])
+    """Assign to each solid the hexahedra that fill it: a ring and its core have one centre."""
+    places = np.array([_place(block.centroid, block.mesh.nodes) for block in blocks])
     result = []
     for solid in solids:
-        away = np.linalg.norm(centres - solid.centroid, axis=1)
-        nearest = int(np.argmin(away))
-        if away[nearest] > _SAME_PLACE * float(np.cbrt(solid.volume)):
+        away = np.linalg.norm(places - _place(solid.centroid, solid.points), axis=2)
+        nearest = int(np.argmin(away.sum(axis=1)))
+        if away[nearest, 0] > _SAME_PLACE * float(np.cbrt(solid.volume)):
             raise MeshError(f"{solid.name}: no hexahedra of the file fill this solid")
         result.append(replace(blocks[nearest], name=solid.name))
     return result
+
+
+def _place(centre: FloatArray, points: FloatArray) -> FloatArray:
+    """Centre, least and largest coordinates, (3, 3) [mm]."""
+    return np.array([centre, points.min(axis=0), points.max(axis=0)])
 
 
 def with_hexahedra(

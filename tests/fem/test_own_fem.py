@@ -506,3 +506,20 @@ def test_hexahedra_split_from_tetrahedra_have_the_right_pressure(
     assert found.contact_state.pressures.max() == pytest.approx(
         2 * 2.4e-9 * 9810.0 * size[2], rel=accuracy
     )
+
+
+def test_a_ring_and_its_core_keep_their_own_hexahedra(tmp_path: Path) -> None:
+    """Both have one centre, by which hexahedra were assigned: the core came twice."""
+    squares = np.array([(i, j, 1.0) for j in range(4) for i in range(4)]) * [10.0, 10.0, 20.0]
+    first = np.array([4 * j + i for j in range(3) for i in range(3)])
+    cells = first[:, None] + [0, 1, 5, 4]
+    core = squares[cells[4]]
+    points = np.concatenate([squares * [1, 1, 0], squares, core * [1, 1, 0], core])
+    ring = np.hstack([cells, cells + 16])[np.arange(9) != 4]
+    elements = [*ring.tolist(), list(range(32, 40))]
+    meshio.write(tmp_path / "two.vtu", meshio.Mesh(points, [("hexahedron", elements)]))
+    solids = read_blocks(tmp_path / "two.vtu")
+    blocks = file_blocks(tmp_path / "two.vtu", solids, units="mm", divisions=1)
+    assert sorted(block.mesh.n_elements for block in blocks) == [1, 8]
+    for block, solid in zip(blocks, solids, strict=True):
+        assert block.volume == pytest.approx(solid.volume, rel=1e-12)
