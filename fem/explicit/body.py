@@ -106,8 +106,6 @@ class BodyLoad:
     """Factor in time; None: one."""
     applied: Runs
     """Positions in the flat applied force."""
-    velocity: Runs
-    """Positions in the flat velocity, of the same entries."""
     values: FloatArray
     """Placement-frame forces, (3 n,) [N]."""
     following: FollowingForces | None
@@ -166,6 +164,8 @@ class LaneBody:
     """Rows of the applied force."""
     loads: tuple[BodyLoad, ...]
     """Loads on this body."""
+    loaded: IntArray
+    """Rows that they act on, and those of the applied force there, (2, n)."""
     held: HeldLanes | None
     """Prescribed components; None: none."""
     acceleration: LaneArray | None
@@ -228,9 +228,11 @@ def make_body(stated: TimedSystem, number: int, touched_nodes: IntArray | None) 
     rows = block_rows(body.stiffness, lanes=lanes)
     rows_of = [(load, *load.on(stated.starts(number))) for load in stated.system.whole.forces]
     loads = [of for of in rows_of if len(of[1])]
-    more = np.empty(0, np.int64) if touched_nodes is None else touched_nodes
-    touched = np.unique(np.concatenate([more, *(row % body.n_nodes for _, row, _ in loads)]))
+    none = np.empty(0, np.int64)
+    nodes = [row % body.n_nodes for _, row, _ in loads]
+    touched = np.unique(np.concatenate([none if touched_nodes is None else touched_nodes, *nodes]))
     applied = _applied_rows(rows, touched)
+    loaded = np.unique(rows.row[np.concatenate([none, *nodes])])
     centroid = body.lumped_mass @ body.mesh.nodes / body.lumped_mass.sum()
     hourglass = body.hourglass_stiffness
     viscosity = effects.bulk_viscosity
@@ -244,6 +246,7 @@ def make_body(stated: TimedSystem, number: int, touched_nodes: IntArray | None) 
         applied_row=applied if len(touched) else None,
         n_applied=len(touched),
         loads=tuple(_body_load(body, rows, applied, lanes, of) for of in loads),
+        loaded=np.stack([loaded, applied[loaded]]),
         held=_held_lanes(stated, number, rows, lanes),
         acceleration=_lane_gravity(body, effects.gravity, lanes),
         viscosity=None if viscosity is None else element_viscosity(body, rows.row, viscosity),
@@ -272,14 +275,11 @@ def _body_load(
     """``of``: a load, its nodes in the loop and the forces on them."""
     load, numbers, force = of
     copies, nodes = np.divmod(numbers, body.n_nodes)
-    row = rows.row[nodes]
-    # Rows of the applied force have the order of the rows: both sort the entries alike.
-    velocity, order = runs(_components(row * 3 * lanes + copies, lanes))
-    applied_row = applied[row].astype(np.int64)
+    applied_row = applied[rows.row[nodes]].astype(np.int64)
+    found, order = runs(_components(applied_row * 3 * lanes + copies, lanes))
     return BodyLoad(
         amplitude=load.amplitude,
-        applied=runs(_components(applied_row * 3 * lanes + copies, lanes))[0],
-        velocity=velocity,
+        applied=found,
         values=force.ravel()[order],
         following=FollowingForces(force, copies, order) if load.follows_block else None,
     )

@@ -11,14 +11,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from fem.explicit.body import LaneBody, world_vectors
-from fem.explicit.kernels import add_at
 from fem.explicit.kernels.layout import LaneArray
 from fem.explicit.step import (
     Loop,
     damped_internal_force,
     gravity_at,
-    load_factor,
-    load_values,
 )
 from fem.system.effects import AdaptiveMassDamping
 from geometry.mesh import FloatArray
@@ -53,13 +50,11 @@ def applied_forces(body: LaneBody) -> FloatArray:
     return force
 
 
-def load_forces(body: LaneBody, time: float) -> FloatArray:
+def load_forces(body: LaneBody) -> FloatArray:
     """Loads alone, (n_rows, 3, lanes) [N]."""
-    force = np.zeros((body.n_rows, 3, body.lanes))
-    flat = force.ravel()
-    for load in body.loads:
-        values, factor = load_values(load, body.now), load_factor(load, time)
-        add_at(flat, load.velocity.start, load.velocity.pointer, values, factor)
+    force, loads = np.zeros((body.n_rows, 3, body.lanes)), body.now.loads
+    if loads is not None:
+        force[body.loaded[0]] = loads.force[body.loaded[1]]
     return force
 
 
@@ -98,7 +93,7 @@ def residual(loop: Loop) -> Residual:
         inner = damped_internal_force(loop, body)
         total = applied_forces(body) + weight - inner
         unbalanced += _square(free_part(body, total))
-        loads += _square(load_forces(body, time) + weight)
+        loads += _square(load_forces(body) + weight)
         internal += _square(inner)
     return Residual(math.sqrt(unbalanced), math.sqrt(loads or internal))
 
@@ -159,20 +154,19 @@ def forces_of_supports(loop: Loop, time: float) -> tuple[FloatArray, ...]:
     return tuple(result)
 
 
-def restoring_forces(loop: Loop, body: LaneBody, time: float) -> FloatArray:
+def restoring_forces(loop: Loop, body: LaneBody) -> FloatArray:
     """Internal minus contact forces, free components, (n_rows, 3, lanes) [N]."""
-    contact = applied_forces(body) - load_forces(body, time)
+    contact = applied_forces(body) - load_forces(body)
     return free_part(body, damped_internal_force(loop, body) - contact)
 
 
 def remember(loop: Loop) -> None:
     """Keep displacements and restoring forces for the next estimate."""
-    time = (loop.step - 1) * loop.time_step
     for body in loop.bodies:
         now = body.now
         assert now.remembered is not None
         now.remembered[0] = now.displacement - loop.time_step * now.velocity
-        now.remembered[1] = restoring_forces(loop, body, time)
+        now.remembered[1] = restoring_forces(loop, body)
 
 
 def active_frequency(loop: Loop) -> float | None:
@@ -181,13 +175,12 @@ def active_frequency(loop: Loop) -> float | None:
     ω² = Δu · Δf / Δu · M Δu with the changes of displacement and restoring force since
     `remember`; None while nothing moves or the quotient is not positive.
     """
-    time = (loop.step - 1) * loop.time_step
     stiffness = inertia = 0.0
     for body in loop.bodies:
         now = body.now
         assert now.remembered is not None
         moved = now.displacement - loop.time_step * now.velocity - now.remembered[0]
-        change = restoring_forces(loop, body, time) - now.remembered[1]
+        change = restoring_forces(loop, body) - now.remembered[1]
         stiffness += float(np.vdot(moved, change))
         inertia += float(np.einsum("n,njk,njk->", body.mass, moved, moved))
     if not (stiffness > 0.0 and inertia > 0.0):

@@ -361,7 +361,7 @@ def _state_at_end(loop: Loop, run: Run) -> State:
         unbalanced = inner - applied_forces(body)
         held = unbalanced - free_part(body, unbalanced)
         supports.append(world_vectors(body, held))
-        contact.append(world_vectors(body, inner - load_forces(body, time) - held))
+        contact.append(world_vectors(body, inner - load_forces(body) - held))
     searched, friction = loop.interactions[0].contact(moved) if loop.interactions else (None, None)
     held_nodes = len(system.whole.supports.block) > 0
     return State(

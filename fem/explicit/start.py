@@ -11,7 +11,7 @@ from fem.explicit.contact.paired import FaceContact
 from fem.explicit.contact.sliding import SlidingContact
 from fem.explicit.damping import applied_forces
 from fem.explicit.kernels import PARALLEL, SERIAL
-from fem.explicit.kernels.layout import LaneArray, aligned_zeros, to_lanes
+from fem.explicit.kernels.layout import LaneArray, aligned_zeros, sums_of_chunks, to_lanes
 from fem.explicit.setup.cell_hold import CellHold, cell_motions
 from fem.explicit.state import (
     BodyState,
@@ -71,7 +71,7 @@ def prepare(stated: TimedSystem, *, time_step: float, threads: int = 1) -> Loop:
     moved = [None] * n if stated.displacements is None else stated.displacements
     moving = [None] * n if stated.velocities is None else stated.velocities
     for body, u, v in zip(bodies, moved, moving, strict=True):
-        body.now = initial_body_state(body, effects, u, v)
+        body.now = initial_body_state(body, effects, u, v, meets=bool(interactions))
         set_internal_force(loop, body, sample=False)
         if body.now.viscous is not None or body.now.stiffness_damping is not None:
             # What dampers keep is the start now: its whole strain is not one step's rate.
@@ -125,24 +125,31 @@ def initial_body_state(
     effects: Effects,
     displacement: FloatArray | None = None,
     velocity: FloatArray | None = None,
+    *,
+    meets: bool = False,
 ) -> BodyState:
     """State of one body at time 0, before the first force; effects say which arrays are needed.
 
     Displacement and velocity are world components, (n_copies, n_nodes, 3) [mm], [mm/s]; None: zero.
+    Where it ``meets`` others, loads are kept apart from what is applied.
     """
     shape = (body.n_rows, 3, body.lanes)
     n_chunks = len(body.rows.chunks) - 1
     damped = effects.stiffness_damping is not None
     alone = not effects.finite_rotation and body.viscosity is None
     mass_damped = effects.mass_damping is not None or effects.adaptive_mass_damping is not None
+    applied = loads = None
+    if body.applied_row is not None:
+        applied = aligned_zeros((body.n_applied, 3, body.lanes))
+    if applied is not None and body.loads:
+        force = np.zeros_like(applied) if meets else applied
+        loads = LoadState(force, np.full(len(body.loads), np.nan))
     state = BodyState(
         displacement=_placement_lanes(body, displacement, "displacement"),
         velocity=_placement_lanes(body, velocity, "velocity"),
         internal_force=aligned_zeros(shape),
-        applied_force=None
-        if body.applied_row is None
-        else aligned_zeros((body.n_applied, 3, body.lanes)),
-        loads=LoadState(*np.full((2, len(body.loads)), np.nan)) if body.loads else None,
+        applied_force=applied,
+        loads=loads,
         momentum=None
         if body.acceleration is None or effects.gravity_amplitude is None
         else np.full(3 * body.lanes, np.nan),
@@ -152,7 +159,7 @@ def initial_body_state(
         viscous=_viscous_state(body),
         stiffness_damping=_stiffness_damping_state(body) if damped and not alone else None,
         elastic_before=_elastic_force_before(body) if damped and alone else None,
-        mass_damping_work=np.zeros((n_chunks, 2, body.lanes)) if mass_damped else None,
+        mass_damping_work=sums_of_chunks(n_chunks, 2, body.lanes) if mass_damped else None,
         remembered=None
         if effects.adaptive_mass_damping is None
         else np.zeros((2, body.n_rows, 3, body.lanes)),
@@ -183,7 +190,7 @@ def _viscous_state(body: LaneBody) -> ViscousState | None:
     return ViscousState(
         strain=aligned_zeros(elements),
         stress=aligned_zeros(elements),
-        dissipated=np.zeros((n_chunks, body.lanes)),
+        dissipated=sums_of_chunks(n_chunks, body.lanes),
     )
 
 
@@ -191,7 +198,7 @@ def _elastic_force_before(body: LaneBody) -> ElasticForceBefore:
     n_chunks = len(body.rows.chunks) - 1
     return ElasticForceBefore(
         force=aligned_zeros((body.n_rows, 3, body.lanes)),
-        work=np.zeros((n_chunks, 2, body.lanes)),
+        work=sums_of_chunks(n_chunks, 2, body.lanes),
         support_loss=ForceWork(),
     )
 

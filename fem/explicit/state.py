@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 
 from fem.explicit.kernels import set_spins
@@ -46,7 +47,7 @@ class ViscousState:
     stress: LaneArray
     """Volume times viscous stress, (n_elements, lanes) [N mm]."""
     dissipated: FloatArray
-    """(n_chunks, lanes) [N mm]"""
+    """(n_chunks, ≥ lanes) [N mm]"""
 
 
 @dataclass
@@ -56,7 +57,7 @@ class ElasticForceBefore:
     force: LaneArray
     """K u of the last step, (n_rows, 3, lanes) [N]."""
     work: FloatArray
-    """See `fem.explicit.kernels.motion.update`, (n_chunks, 2, lanes), per unit of time step."""
+    """See `fem.explicit.kernels.motion.update`, (n_chunks, 2, ≥ lanes), per unit of time step."""
     support_loss: ForceWork
     """Correction of the dissipation at supported nodes."""
 
@@ -75,12 +76,14 @@ class StiffnessDampingState:
 
 @dataclass
 class LoadState:
-    """Loads of the last step, cached."""
+    """Loads of the last step."""
 
+    force: LaneArray
+    """(n_applied, 3, lanes) [N]"""
     factor: FloatArray
-    """Amplitudes that the applied force holds, (n_loads,); NaN: none yet."""
-    power: FloatArray
-    """Power at amplitude one and the velocity of the state, (n_loads,) [N mm/s]; NaN: not yet."""
+    """Amplitudes that it has, (n_loads,); NaN: none yet."""
+    power: float = math.nan
+    """At the velocity of the state [N mm/s]; NaN: not yet."""
 
 
 @dataclass
@@ -126,7 +129,8 @@ class BodyState:
     """Of the last step [N], in the block frame where there is one; without the damping force where
     there is `elastic_before`."""
     applied_force: LaneArray | None
-    """Loads and contact of the last step, (n_applied, 3, lanes) [N]."""
+    """Loads and contact of the last step, (n_applied, 3, lanes) [N]; where only loads act, the
+    array of `loads`."""
     loads: LoadState | None
     """Where there are loads."""
     momentum: LaneArray | None
@@ -145,7 +149,7 @@ class BodyState:
     elastic_before: ElasticForceBefore | None
     """With stiffness-proportional damping and neither."""
     mass_damping_work: FloatArray | None
-    """With mass-proportional damping, (n_chunks, 2, lanes): see `update`."""
+    """With mass-proportional damping, (n_chunks, 2, ≥ lanes): see `update`."""
     remembered: FloatArray | None
     """With adaptive damping: displacement and restoring force, (2, n_rows, 3, lanes)."""
     external_work: ForceWork = field(default_factory=ForceWork)

@@ -12,7 +12,7 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -27,21 +27,24 @@ from fem.explicit.kernels import (
     Motion,
     Placing,
     add_at,
-    dot_at,
     dot_lanes,
+    dot_rows,
     enforce,
     hold,
     viscous_power,
     widths,
 )
 from fem.explicit.kernels.layout import LaneArray
-from fem.explicit.state import BodyState
+from fem.explicit.state import BodyState, LoadState
 from fem.explicit.timed import TimedSystem
 from geometry.mesh import FloatArray
 
 
 class Interaction(ABC):
     """Forces between blocks (contact), one more term of the step; has arrays of its own."""
+
+    begins_with_loads: ClassVar[bool] = False
+    """Whether `add_force` overwrites the applied forces: it begins with the loads."""
 
     @abstractmethod
     def add_force(self, loop: Loop) -> None:
@@ -120,14 +123,14 @@ def step(loop: Loop, *, sample: bool = False) -> None:
         ramped = None if now.momentum is None else falling
         before = after = 0.0
         if body.loads:
-            before = load_power(body, time)
+            before = load_power(body)
         if ramped is not None:
             before += ramped_gravity_power(body, ramped)
         advance(loop, body, falling, sample=sample)
         if body.held is not None:
             enforce_support(loop, body)
         if body.loads:
-            after = load_power(body, time, moved=True)
+            after = load_power(body, moved=True)
         if ramped is not None:
             after += ramped_gravity_power(body, ramped, moved=True)
         half = 0.5 * loop.time_step
@@ -252,21 +255,20 @@ def add_bulk_viscosity(
 
 
 def set_applied_force(loop: Loop, body: LaneBody, time: float) -> None:
-    """Loads at ``time``; contact adds to them."""
+    """Loads at ``time``, which contact adds to, if it does not begin with them itself."""
     now = body.now
     force, loads = now.applied_force, now.loads
     if force is None:
         return
-    factors = [load_factor(load, time) for load in body.loads]
     if loads is not None:
+        factors = [load_factor(load, time) for load in body.loads]
         turning = any(load.following is not None for load in body.loads)
-        if not (turning or loop.interactions) and np.array_equal(loads.factor, factors):
-            return
-        loads.factor[:] = factors
-    force[:] = 0.0
-    for load, factor in zip(body.loads, factors, strict=True):
-        runs = load.applied
-        add_at(force.ravel(), runs.start, runs.pointer, load_values(load, now), factor)
+        if turning or loads.factor.tolist() != factors:
+            set_loads(body, loads, factors)
+    begun = loop.interactions and loop.interactions[0].begins_with_loads
+    if begun or (loads is not None and loads.force is force):
+        return
+    force[:] = 0.0 if loads is None else loads.force
 
 
 def load_factor(load: BodyLoad, time: float) -> float:
@@ -274,38 +276,35 @@ def load_factor(load: BodyLoad, time: float) -> float:
     return 1.0 if load.amplitude is None else load.amplitude(time)
 
 
-def load_values(load: BodyLoad, now: BodyState) -> FloatArray:
-    """Placement-frame forces at amplitude one, turned with the block frame if they follow it."""
-    following = load.following
-    if following is None or now.frame is None:
-        return load.values
-    turn = now.frame.turn[:, :, following.copies]
-    turned = following.forces + np.einsum("ijn,nj->ni", turn, following.forces)
-    return turned.ravel()[following.order]
+def set_loads(body: LaneBody, loads: LoadState, factors: list[float]) -> None:
+    """Forces of the loads at their amplitudes, which turn with the block frame if they follow it.
+
+    Their power is not known any more.
+    """
+    loads.factor[:], loads.power = factors, math.nan
+    loads.force[:] = 0.0
+    for load, factor in zip(body.loads, factors, strict=True):
+        following, frame, values = load.following, body.now.frame, load.values
+        if following is not None and frame is not None:
+            turn = frame.turn[:, :, following.copies]
+            turned = following.forces + np.einsum("ijn,nj->ni", turn, following.forces)
+            values = turned.ravel()[following.order]
+        add_at(loads.force.ravel(), load.applied.start, load.applied.pointer, values, factor)
 
 
-def load_power(body: LaneBody, time: float, *, moved: bool = False) -> float:
+def load_power(body: LaneBody, *, moved: bool = False) -> float:
     """Power of the loads at the velocity that the state holds [N mm/s].
 
-    Parameters
-    ----------
-    body
-        Loads and velocity.
-    time
-        Of the amplitudes and of the block frames [s].
-    moved
-        Whether the velocity has changed since the last call: then the sum over the loaded nodes
-        is taken anew; else only for forces that have turned.
+    The sum over the loaded nodes is taken anew where the velocity has ``moved`` since the last call
+    or the loads have changed.
     """
-    power, now = 0.0, body.now
-    for k, load in enumerate(body.loads):
-        assert now.loads is not None
-        known = now.loads.power
-        if moved or load.following is not None or math.isnan(known[k]):
-            runs, values = load.velocity, load_values(load, now)
-            known[k] = dot_at(now.velocity.ravel(), runs.start, runs.pointer, values)
-        power += load_factor(load, time) * float(known[k])
-    return power
+    now = body.now
+    loads = now.loads
+    assert loads is not None
+    if moved or math.isnan(loads.power):
+        velocity, force = now.velocity.ravel(), loads.force.ravel()
+        loads.power = dot_rows(velocity, body.loaded[0], force, body.loaded[1], 3 * body.lanes)
+    return loads.power
 
 
 def gravity_at(loop: Loop, body: LaneBody, time: float) -> LaneArray | None:

@@ -213,10 +213,18 @@ def test_scatter_adds_repeated_indices():
     kernels.add_at(result, found.start, found.pointer, values[order], 0.5)
     # The same additions in the same order: repeats of a position keep theirs.
     np.testing.assert_array_equal(result, reference.add_at(target, index, values, 0.5))
-    total = kernels.dot_at(target, found.start, found.pointer, values[order])
-    size = np.abs(target[index] * values).sum()
+
+
+@pytest.mark.parametrize("size", [3, 6, 12, 24])
+def test_a_sum_over_rows_is_that_of_numpy(size):
+    rng = np.random.default_rng(5)
+    a, b = rng.standard_normal((2, 40, size))
+    row_a, row_b = rng.permutation(40)[:17], rng.permutation(40)[:17]
+    total = kernels.dot_rows(a.ravel(), row_a, b.ravel(), row_b, size)
+    products = a[row_a] * b[row_b]
     # A sum of n products in any order: n roundings of at most the sum of the sizes.
-    assert abs(total - target[index] @ values) <= 2 * len(index) * 2**-53 * size
+    rounding = 2 * products.size * 2**-53 * np.abs(products).sum()
+    assert abs(total - products.sum()) <= rounding
 
 
 def test_held_components_are_put_back_and_their_damping_is_given():

@@ -28,7 +28,7 @@ from fem.explicit.contact.paired_kernel import (
     contact_forces,
 )
 from fem.explicit.kernels import PARALLEL
-from fem.explicit.kernels.layout import LaneArray, aligned_zeros, equal_work
+from fem.explicit.kernels.layout import LaneArray, aligned_zeros
 from fem.explicit.step import Loop
 from fem.explicit.timed import TimedSystem
 from geometry.mesh import FloatArray, IntArray
@@ -36,6 +36,8 @@ from geometry.mesh import FloatArray, IntArray
 
 class FaceContact(BlockContact):
     """Contact on the conforming interfaces of an assembly."""
+
+    begins_with_loads = True
 
     def __init__(self, stated: TimedSystem, bodies: tuple[LaneBody, ...]) -> None:
         super().__init__(stated)
@@ -78,9 +80,11 @@ class FaceContact(BlockContact):
         calls = [forces.bound(self._data, displacements, self._work, *constants)]
         collect = collect_forces.form(parallel=parallel)
         for body, result in zip(loop.bodies, self._collections, strict=True):
-            if result is not None and body.now.applied_force is not None:
-                applied = body.now.applied_force.ravel()
-                calls.append(collect.bound(result, self._data, self._work, body.lanes, applied))
+            applied, loads = body.now.applied_force, body.now.loads
+            if result is not None and applied is not None:
+                begin = None if loads is None else loads.force.ravel()
+                arrays = self._data, self._work, body.lanes, begin, applied.ravel()
+                calls.append(collect.bound(result, *arrays))
         return calls
 
     def energy(self) -> float:
@@ -198,8 +202,10 @@ def _unit_arrays(pairs: tuple[AlikePairs, ...], bodies: tuple[LaneBody, ...]) ->
             lane += width
             node_scalar += 3 * width * len(result.nodes)
             point_scalar += 4 * width * result.n_facets
+    facets = [width * pairs[kind].n_facets for kind, width, *_ in units]
     return UnitArrays(
         units=np.array(units, dtype=np.int64).reshape(-1, 8),
+        order=_shared_out(np.array(facets), numba.get_num_threads()),
         alike=alike,
         rows=np.concatenate([rows for rows, _, _ in ordered]),
         offset=np.concatenate([f.offset[o] for f, (_, o, _) in zip(pairs, ordered, strict=True)]),
@@ -211,6 +217,14 @@ def _unit_arrays(pairs: tuple[AlikePairs, ...], bodies: tuple[LaneBody, ...]) ->
         copies=np.ascontiguousarray(np.concatenate(copies).T),
         lanes=np.array([body.lanes for body in bodies], dtype=np.int64),
     )
+
+
+def _shared_out(work: IntArray, threads: int) -> IntArray:
+    """Order in which threads that take units in turn have about the same work, (n_units,)."""
+    order = np.argsort(-work, kind="stable")
+    for first in range(threads, len(order), 2 * threads):
+        order[first : first + threads] = order[first : first + threads][::-1]
+    return order
 
 
 def _compiled_widths(data: UnitArrays) -> tuple[int | None, int | None, int | None]:
@@ -280,7 +294,7 @@ def _unit_work(data: UnitArrays) -> UnitWork:
     return UnitWork(
         force=aligned_zeros((2 * int(nodes.sum()),)),
         gap=aligned_zeros((int(points.sum()),)),
-        scratch=aligned_zeros((numba.config.NUMBA_NUM_THREADS, 4, int(nodes.max(initial=0)))),
+        scratch=aligned_zeros((numba.get_num_threads(), 4, int(nodes.max(initial=0)))),
     )
 
 
@@ -308,13 +322,15 @@ def _collections(
     result: list[Collection | None] = []
     for number, body in enumerate(bodies):
         members = group == number
-        if body.applied_row is None or not members.any():
+        if body.applied_row is None:
             result.append(None)
             continue
+        # The pieces of all other loops: what a thread has written it goes on with.
+        pieces = np.searchsorted(np.flatnonzero(body.applied_row >= 0), body.rows.chunks)
         applied = body.applied_row[row[members]].astype(np.int64)
         order = np.argsort(applied, kind="stable")
         pointer = np.searchsorted(applied[order], np.arange(body.n_applied + 1))
         result.append(
-            Collection(equal_work(pointer), pointer.astype(np.int64), every[members][order])
+            Collection(np.unique(pieces), pointer.astype(np.int64), every[members][order])
         )
     return tuple(result)

@@ -75,6 +75,8 @@ class UnitArrays(NamedTuple):
     """For each unit: alike pairs, width, real lanes, first lane, first scalar of its node
     arrays, first scalar of its point arrays, first copy of master and of opposing block where
     copies follow each other, else -1; (n_units, 8)."""
+    order: IntArray
+    """Units in the order in which threads take them in turn, (n_units,)."""
     alike: IntArray
     """For each kind of alike pairs: first node pair, first facet, group of master and of
     opposing block (0 for rigid ones); one more row with the totals, (n_kinds + 1, 4)."""
@@ -510,10 +512,10 @@ def _unit(unit, thread, data, displacements, work, law, normals, rubbing, wide, 
 @njit(**OPTIONS)
 def _units_of(thread, threads, data, *arguments):
     """Every unit whose turn it is; a range, whose step might be zero, could raise."""
-    unit = thread
-    while unit < len(data.units):
-        _unit(unit, thread, data, *arguments)
-        unit += threads
+    turn = thread
+    while turn < len(data.order):
+        _unit(data.order[turn], thread, data, *arguments)
+        turn += threads
 
 
 @serial_and_parallel
@@ -556,10 +558,15 @@ class Collection(NamedTuple):
 
 
 @njit(**OPTIONS)
-def _collect_chunk(c, collection, data, work, lanes, applied):
+def _collect_chunk(c, collection, data, work, lanes, begin, applied):
     # Slices and flat views of arrays would count references: not in the loops.
     copies, force = data.copies.ravel(), work.force
     chunks, pointer, entries = collection
+    first, last = 3 * lanes * chunks[c], 3 * lanes * chunks[c + 1]
+    if begin is None:
+        applied[first:last] = 0.0
+    else:
+        applied[first:last] = begin[first:last]
     for row in range(chunks[c], chunks[c + 1]):
         base = 3 * row * lanes
         for e in range(pointer[row], pointer[row + 1]):
@@ -585,8 +592,8 @@ def _collect_chunk(c, collection, data, work, lanes, applied):
 
 
 @serial_and_parallel
-def collect_forces(collection, data, work, lanes, applied):
-    """Add the forces of all units to the applied forces of one body.
+def collect_forces(collection, data, work, lanes, begin, applied):
+    """Sum the loads and the forces of all units on one body.
 
     Parameters
     ----------
@@ -594,8 +601,10 @@ def collect_forces(collection, data, work, lanes, applied):
         Which forces act, constant and work arrays.
     lanes
         Lanes of the body.
+    begin
+        None, or loads, flat (n_applied, 3, lanes) [N].
     applied
-        Flat (n_applied, 3, lanes), updated.
+        The sum, alike; overwritten.
     """
     for c in prange(len(collection.chunks) - 1):
-        _collect_chunk(c, collection, data, work, lanes, applied)
+        _collect_chunk(c, collection, data, work, lanes, begin, applied)

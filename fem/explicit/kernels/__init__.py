@@ -30,7 +30,7 @@ from fem.explicit.kernels.motion import (
     enforce,
     viscous_power,
 )
-from fem.explicit.kernels.runs import add_at, dot_at, hold
+from fem.explicit.kernels.runs import add_at, dot_rows, hold
 from geometry.compilation import Kernel
 
 __all__ = [
@@ -43,8 +43,8 @@ __all__ = [
     "Motion",
     "Placing",
     "add_at",
-    "dot_at",
     "dot_lanes",
+    "dot_rows",
     "enforce",
     "fit_frames",
     "hold",

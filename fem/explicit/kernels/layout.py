@@ -24,6 +24,9 @@ LaneArray = npt.NDArray[Any]
 #: Bytes of a cache line.
 _LINE = 64
 
+#: Numbers of two cache lines: what lies next to each other is fetched together.
+_OWN = 16
+
 #: Bytes of u and f that a row reaches, above which whole rows are faster (measured).
 HALF_WINDOW = 1 << 17
 
@@ -49,6 +52,15 @@ def aligned_zeros(shape: tuple[int, ...]) -> LaneArray:
     raw = np.zeros(8 * count + 2 * _LINE, dtype=np.uint8)
     start = -raw.ctypes.data % _LINE
     return raw[start : start + 8 * count].view(np.float64).reshape(shape)
+
+
+def sums_of_chunks(*shape: int) -> LaneArray:
+    """Zeros (n_chunks, …, lanes) to which threads add often: each chunk has cache lines of its own.
+
+    With more lanes than asked for, where that is why.
+    """
+    *first, lanes = shape
+    return aligned_zeros((*first, -(-lanes // _OWN) * _OWN))
 
 
 @dataclass(frozen=True)

@@ -52,7 +52,7 @@ class Drag(NamedTuple):
     loss: float
     """a."""
     work: LaneArray
-    """Flat (n_chunks, 2, lanes). With the impulse p = α Δt m (v₋ + v₊)/4: [:, 0] grows by
+    """Flat (n_chunks, 2, ≥ lanes). With the impulse p = α Δt m (v₋ + v₊)/4: [:, 0] grows by
     p · (v₋ + v₊), the dissipation of the step; [:, 1] is overwritten with p · v₊, the half of it
     after the time of the force."""
 
@@ -69,7 +69,7 @@ class Damper(NamedTuple):
     before: LaneArray
     """Internal force of the step before."""
     work: LaneArray
-    """Flat (n_chunks, 2, lanes): [:, 0] grows by half the product of the damping force with
+    """Flat (n_chunks, 2, ≥ lanes): [:, 0] grows by half the product of the damping force with
     v₋ + v₊, [:, 1] is overwritten with the half of that which comes after the time of the force."""
 
 
@@ -109,10 +109,12 @@ def _update_lanes(width: int) -> Callable[..., None]:
             kinetic[c * lanes : (c + 1) * lanes] = 0.0
         if drag is not None:
             keep, loss, dissipated = drag
-            dissipated[(2 * c + 1) * lanes : (2 * c + 2) * lanes] = 0.0
+            lost_lanes = len(dissipated) // (2 * len(chunks) - 2)
+            dissipated[(2 * c + 1) * lost_lanes : (2 * c + 2) * lost_lanes] = 0.0
         if damper is not None:
             ratio, elastic_before, viscous_work = damper
-            viscous_work[(2 * c + 1) * lanes : (2 * c + 2) * lanes] = 0.0
+            work_lanes = len(viscous_work) // (2 * len(chunks) - 2)
+            viscous_work[(2 * c + 1) * work_lanes : (2 * c + 2) * work_lanes] = 0.0
         if applied is not None:
             applied_row, applied_force = applied
         if placing is not None:
@@ -150,20 +152,21 @@ def _update_lanes(width: int) -> Callable[..., None]:
                 store_triple(velocity, at, lanes, after)
                 moved = plus(load_triple(displacement, at, lanes), times(time_step, after))
                 store_triple(displacement, at, lanes, moved)
-                here = c * lanes + first
                 if kinetic is not None:
                     twice = dot(old, load_triple(velocity, at, lanes))
-                    add_to(kinetic, here, 0.5 * mass[i] * twice)
+                    add_to(kinetic, c * lanes + first, 0.5 * mass[i] * twice)
                 if damper is not None:
                     elastic = load_triple(internal_force, at, lanes)
                     change = minus(elastic, load_triple(elastic_before, at, lanes))
                     half = times(0.5 * ratio, change)
                     later = load_triple(velocity, at, lanes)
-                    add_work(viscous_work, here + c * lanes, lanes, half, earlier, later)
+                    here = 2 * c * work_lanes + first
+                    add_work(viscous_work, here, work_lanes, half, earlier, later)
                 if drag is not None:
                     later = load_triple(velocity, at, lanes)
                     half = times(0.5 * loss * mass[i], plus(slower, later))
-                    add_work(dissipated, here + c * lanes, lanes, half, slower, later)
+                    here = 2 * c * lost_lanes + first
+                    add_work(dissipated, here, lost_lanes, half, slower, later)
 
     return run
 

@@ -13,11 +13,11 @@ from fem.explicit.kernels.lanes import add_to, entry, lane_operations, multiply_
 from fem.explicit.kernels.options import OPTIONS
 from geometry.compilation import njit
 
-#: Entries that are worked together: a fixed number, whatever the vectors of the processor hold,
-#: since `dot_at` has as many partial sums.
+#: Entries that are worked together.
 _WIDTH = 8
 
-_load, _zero = lane_operations(_WIDTH)
+_load, _ = lane_operations(_WIDTH)
+_load_4, _zero_4 = lane_operations(4)
 
 
 @njit(cache=True, **OPTIONS)
@@ -46,21 +46,18 @@ def add_at(target, start, pointer, values, factor):
 
 
 @njit(cache=True, **OPTIONS)
-def dot_at(array, start, pointer, values):
-    """Sum of ``array[start[r] + k] · values[pointer[r] + k]`` over all runs."""
-    sums = _zero()
+def dot_rows(a, row_a, b, row_b, size):
+    """Sum of products of rows of ``size`` entries of two flat arrays."""
+    sums = _zero_4()
     total = 0.0
-    for r in range(len(start)):
-        at, first, stop = start[r], pointer[r], pointer[r + 1]
-        while first + _WIDTH <= stop:
-            sums = multiply_add(_load(array, at), _load(values, first), sums)
-            first += _WIDTH
-            at += _WIDTH
-        for k in range(stop - first):
-            total += array[at + k] * values[first + k]
-    for k in range(_WIDTH):
-        total += entry(sums, k)
-    return total
+    for n in range(len(row_a)):
+        at_a, at_b = row_a[n] * size, row_b[n] * size
+        whole = size // 4 * 4
+        for k in range(0, whole, 4):
+            sums = multiply_add(_load_4(a, at_a + k), _load_4(b, at_b + k), sums)
+        for k in range(whole, size):
+            total += a[at_a + k] * b[at_b + k]
+    return total + entry(sums, 0) + entry(sums, 1) + entry(sums, 2) + entry(sums, 3)
 
 
 @njit(cache=True, **OPTIONS)

@@ -34,7 +34,7 @@ def _pressure_lanes(width: int) -> Callable[..., Any]:
     def run(
         first,
         lanes,
-        c,
+        at_sums,
         e,
         element_rows,
         gradient,
@@ -61,7 +61,7 @@ def _pressure_lanes(width: int) -> Callable[..., Any]:
         rate = per_step * change
         closing = smaller(rate, none)
         q = linear[e] * rate - quadratic[e] * (closing * closing)
-        add_to(dissipated, c * lanes + first, 0.5 * ((load(stress, at) + q) * change))
+        add_to(dissipated, at_sums + first, 0.5 * ((load(stress, at) + q) * change))
         store(strain, at, fresh)
         store(stress, at, q)
 
@@ -91,11 +91,12 @@ def viscous_pressure(lanes, chunks, *elements):
         - strain, stress: volumetric strain and volume times viscous stress, (n_elements, lanes),
           updated.
         - dissipated: grows by the work of the mean of old and new stress on the strain increment,
-          (n_chunks, lanes) [N mm].
+          (n_chunks, ≥ lanes) [N mm].
     """
+    own = len(elements[-1]) // (len(chunks) - 1)
     for c in prange(len(chunks) - 1):
         for e in range(chunks[c], chunks[c + 1]):
-            _pressures(0, lanes, np.int64(c), e, *elements)
+            _pressures(0, lanes, np.int64(c * own), e, *elements)
 
 
 def _viscous_lanes(width: int) -> Callable[..., Any]:
