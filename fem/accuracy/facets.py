@@ -16,13 +16,13 @@ from fem.accuracy.parts import MeshFacets
 from fem.accuracy.transfer import interpolation_on_faces, unique_rows
 from fem.contact.normals import ContactNormals
 from fem.contact.surfaces import MatchedFacets, facet_pressures, matched_facets
-from fem.element.facet import (
+from fem.element.functions import (
     FACET_CORNERS,
     FacetBasis,
     bilinear,
     facet_basis,
+    lobatto_points,
 )
-from fem.element.functions import lobatto_points
 from fem.state import State
 from fem.system.sector import representatives
 from fem.system.system import System

@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.sparse import csr_array
 
-from fem.element.facet import facet_values
+from fem.element.functions import facet_values
 from fem.element.kinds import element_of
 from fem.system.system import System
 from geometry.block import Block, Places, located, places_in

@@ -29,7 +29,7 @@ from fem.answer.motion import (
 from fem.answer.pressures import cap_action
 from fem.answer.rows import state_rows
 from fem.contact.normals import ContactNormals
-from fem.element.stress import von_mises
+from fem.element.material import von_mises
 from fem.problem import Problem
 from fem.state import State
 from fem.static.linear_step.linearisation import StaticError

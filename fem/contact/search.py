@@ -26,8 +26,13 @@ from fem.contact.cuts import (
 from fem.contact.edge_points import ending_edges, matching_facets
 from fem.contact.normals import ContactNormals
 from fem.contact.surfaces import ContactPoints, of_no_system
-from fem.element.facet import FACET_CORNERS, bilinear, facet_areas, facet_functions
-from fem.element.functions import lobatto_points
+from fem.element.functions import (
+    FACET_CORNERS,
+    bilinear,
+    facet_areas,
+    facet_functions,
+    lobatto_points,
+)
 from geometry.machine.work import Operation, count
 from geometry.mesh import BoolArray, FloatArray, IntArray
 

@@ -11,7 +11,7 @@ are its derivatives: on the nodes -w p ∂(overclosure)/∂u. The first half of 
 those of the master facet, the second those of the opposing one.
 
 The rule of the normal lies in tangents and slopes. Where facets *match*, corner on corner, Gauss
-points lie on each pair, 2 × 2 on bilinear facets (`fem.element.facet.FacetBasis`), and t is the
+points lie on each pair, 2 × 2 on bilinear facets (`fem.element.functions.FacetBasis`), and t is the
 mean of the tangents of both: neither is favoured. Where a *search* found what a point faces
 (`fem.contact.search`), t is that of the master facet at the closest point. These *current* normals
 are those of the deformed surfaces: their variation is part of the force, so forces and moments
@@ -29,7 +29,7 @@ import numpy as np
 from scipy.sparse import csr_array
 
 from fem.contact.law import ContactLaw
-from fem.element.facet import FacetBasis, basis_of
+from fem.element.functions import FacetBasis, basis_of
 from geometry.assembly import Assembly
 from geometry.errors import RefusedError
 from geometry.machine.work import Operation, count

@@ -37,7 +37,7 @@ from fem.decks.laws import law_lines, law_table
 from fem.decks.loads import nodal_lines, on_faces, step_load_lines
 from fem.decks.supports import DeckSupports, node_lines_of, spring_lines
 from fem.element.hexahedron import ElementType
-from fem.system.forces import SmoothStepAmplitude
+from fem.system.rows import SmoothStepAmplitude
 from geometry.mesh import IntArray
 
 #: Samples of the smooth step; linear between them it is off by less than 1e-4 of the load.

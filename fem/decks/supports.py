@@ -15,8 +15,7 @@ from fem.decks.deck import ALL, FRAME, LOADING, Deck, Flavour
 from fem.decks.keywords import DeckError, entry_lines, keyword, label, real, reals
 from fem.problem import Frames, Problem
 from fem.system.build import support_rows
-from fem.system.forces import ALL_THE_WAY, TabularAmplitude, traction_forces
-from fem.system.held import HeldRows
+from fem.system.rows import ALL_THE_WAY, HeldRows, TabularAmplitude, traction_forces
 from geometry.block import Block
 from geometry.mesh import FloatArray
 from geometry.parts.regions import region_quads

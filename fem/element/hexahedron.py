@@ -13,11 +13,12 @@ from enum import Enum
 import numpy as np
 
 from fem.element.functions import gauss_functions
-from fem.element.material import Material
+from fem.element.material import VOIGT, Material
 from geometry.machine.work import Operation, count
 from geometry.mesh import (
     CORNERS,
     FloatArray,
+    HexMesh,
     IntArray,
     MeshError,
     gauss_points,
@@ -46,9 +47,6 @@ HOURGLASS_VECTORS: FloatArray = np.column_stack(
 #: Corners in VTK order among tensor products.
 _VTK = [0, 4, 6, 2, 1, 5, 7, 3]
 
-#: Rows and columns of the six components xx, yy, zz, xy, yz, xz.
-VOIGT = ((0, 0), (1, 1), (2, 2), (0, 1), (1, 2), (0, 2))
-
 
 #: Engineering strain at points of elements from displacements of their corners,
 #: (n_elements, n_points, 6, 24) [1/mm], and volumes of the points, (n_elements, n_points) [mm³].
@@ -56,12 +54,20 @@ StrainAtPoints = tuple[FloatArray, FloatArray]
 
 #: Elements treated at once: bounds the temporary memory of an assembly to some 40 MB.
 _CHUNK = 2048
+#: Nodes of elements whose forces or masses are computed at once: what a cache holds.
+_NODES = 4000
 
 
 def chunks(n_elements: int, size: int = _CHUNK) -> Iterator[slice]:
     """Consecutive slices of at most ``size`` elements."""
     for start in range(0, n_elements, size):
         yield slice(start, min(start + size, n_elements))
+
+
+def in_cache(mesh: HexMesh) -> list[IntArray]:
+    """Nodes of some elements after the other."""
+    members = mesh.connectivity
+    return np.array_split(members, max(1, members.size // _NODES))
 
 
 def gauss_gradients(coordinates: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -13,16 +13,13 @@ from typing import Protocol
 import numpy as np
 from scipy.sparse import bsr_array, csr_array
 
-from fem.element.hexahedron import ElementType, chunks
+from fem.element.hexahedron import ElementType, chunks, in_cache
 from fem.element.lagrange import Lagrange
-from fem.element.material import Material
-from fem.element.stress import DisplacementShapeError
+from fem.element.material import DisplacementShapeError, Material
 from geometry.mesh import FloatArray, HexMesh, IntArray, check_mesh
 
 #: Pairs of nodes of elements that are summed at once: bounds the memory of an assembly to 40 MB.
 _PAIRS = 1 << 17
-#: Nodes of elements whose forces or masses are computed at once: what a cache holds.
-_NODES = 4000
 
 
 class Element(Protocol):
@@ -43,7 +40,7 @@ class Element(Protocol):
     def face_nodes(self, corners: IntArray) -> IntArray:
         """Nodes of faces by their corners as `geometry.mesh.CORNERS`, (n_faces, 4) to (n_faces, m).
 
-        In the order of facets (`fem.element.facet.facet_values`).
+        In the order of facets (`fem.element.functions.facet_values`).
         """
 
     @property
@@ -135,15 +132,9 @@ def _assembled(mesh: HexMesh, of_elements: Callable[[FloatArray], FloatArray]) -
 def block_lumped_mass(mesh: HexMesh, density: float) -> FloatArray:
     """Row-sum mass of the nodes of one block: (n_nodes,) [t]; sums to the mass of the mesh."""
     element, total = element_of(mesh), np.zeros(mesh.n_nodes)
-    for members in _some(mesh):
+    for members in in_cache(mesh):
         np.add.at(total, members, element.mass(mesh.nodes[members], density))
     return total
-
-
-def _some(mesh: HexMesh) -> list[IntArray]:
-    """Nodes of some elements after the other."""
-    members = mesh.connectivity
-    return np.array_split(members, max(1, members.size // _NODES))
 
 
 def block_internal_force(mesh: HexMesh, material: Material, displacement: FloatArray) -> FloatArray:
@@ -155,7 +146,7 @@ def block_internal_force(mesh: HexMesh, material: Material, displacement: FloatA
         An element that folds.
     """
     element, result = Lagrange(mesh.degree), np.zeros_like(displacement)
-    for members in _some(mesh):
+    for members in in_cache(mesh):
         forces = element.internal_force(mesh.nodes[members], material, displacement[:, members])
         # Sums of rows, which `numpy.add.at` takes ten times as long for.
         shape = (mesh.n_nodes, members.size)
@@ -186,7 +177,7 @@ def point_stress(
     _check_displacement(mesh, displacement)
     parts = [
         element.stress(mesh.nodes[members], material, displacement[:, members])
-        for members in _some(mesh)
+        for members in in_cache(mesh)
     ]
     return np.concatenate(parts, axis=1).reshape(len(displacement), -1, 6)
 
@@ -202,7 +193,7 @@ def nodal_stress(
     """
     _check_displacement(mesh, displacement)
     result, total = np.zeros((len(displacement), mesh.n_nodes, 6)), np.zeros(mesh.n_nodes)
-    for members in _some(mesh):
+    for members in in_cache(mesh):
         coordinates, columns = mesh.nodes[members], np.arange(members.size)
         stress = element.nodal_stress(coordinates, material, displacement[:, members])
         volume = np.repeat(element.mass(coordinates, 1.0).sum(axis=1), members.shape[1])

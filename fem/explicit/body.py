@@ -29,7 +29,7 @@ from fem.explicit.state import BodyState
 from fem.explicit.timed import TimedSystem
 from fem.system.body import Body
 from fem.system.effects import BulkViscosity
-from fem.system.forces import Amplitude, ForceRows
+from fem.system.rows import Amplitude, ForceRows
 from fem.system.time_step import characteristic_length
 from geometry.mesh import FloatArray, IntArray
 
@@ -114,7 +114,7 @@ class BodyLoad:
 
 @dataclass(frozen=True)
 class HeldLanes:
-    """Prescribed displacement components of one body: `fem.system.held.Held` in lanes.
+    """Prescribed displacement components of one body: `fem.system.rows.Held` in lanes.
 
     Those along the axes of the placement frame that stay zero are ``still``; all others move or lie
     across these axes.

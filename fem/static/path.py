@@ -28,8 +28,8 @@ from fem.static.newton import (
     support_forces,
 )
 from fem.static.problem import StaticOptions, StaticProblem
-from fem.system.forces import TabularAmplitude
 from fem.system.loose import unresisted_motions
+from fem.system.rows import TabularAmplitude
 from fem.system.system import Sector
 from geometry.mesh import FloatArray, IntArray
 

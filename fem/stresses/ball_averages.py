@@ -30,7 +30,7 @@ from fem.element.functions import line_basis
 from fem.element.hexahedron import point_volumes
 from fem.element.kinds import integration_points
 from fem.element.lagrange import adjugates
-from fem.element.stress import largest_tension, principal_stress, stress_of_gradient
+from fem.element.material import largest_tension, principal_stress, stress_of_gradient
 from fem.stresses.recovery import MovedBodies
 from fem.system.body import Body
 from geometry.machine.work import Operation, count

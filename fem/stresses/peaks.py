@@ -17,7 +17,7 @@ import numpy as np
 
 from fem.element.hexahedron import at_corners
 from fem.element.kinds import integration_points
-from fem.element.stress import (
+from fem.element.material import (
     invariants,
     largest_tension,
     principal_stress,

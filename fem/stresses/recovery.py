@@ -14,8 +14,7 @@ from scipy.spatial.transform import Rotation
 
 from fem.element.functions import TensorPoints, tensor_points
 from fem.element.lagrange import Lagrange
-from fem.element.material import Material
-from fem.element.stress import principal_stress, rotate_stress
+from fem.element.material import Material, principal_stress, rotate_stress
 from fem.state import State, once
 from fem.system.body import Body
 from geometry.mesh import FloatArray, IntArray, ReadOnlyArrays, cross_matrix

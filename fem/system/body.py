@@ -15,7 +15,7 @@ from typing import Any, TypeAlias
 import numpy as np
 from scipy.sparse import bsr_array, coo_array
 
-from fem.element.facet import basis_of, facet_area_vectors
+from fem.element.functions import basis_of, facet_area_vectors
 from fem.element.kinds import (
     Element,
     block_hourglass_stiffness,

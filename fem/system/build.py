@@ -20,21 +20,23 @@ from fem.contact.surfaces import (
 )
 from fem.element.hexahedron import ElementType
 from fem.element.kinds import block_lumped_mass, element_of
-from fem.element.lagrange_mesh import with_degree
+from fem.element.lagrange import with_degree
 from fem.element.material import Material
 from fem.system.body import Body, ModelError, Springs, placed_body, springs_on
-from fem.system.forces import (
+from fem.system.rows import (
     ALL_THE_WAY,
     Amplitude,
     ForceRows,
+    HeldRows,
     TabularAmplitude,
     edge_forces,
     facet_points,
+    held_at,
+    joined_rows,
     pressure_forces,
     traction_forces,
     wrench_forces,
 )
-from fem.system.held import HeldRows, held_at, joined_rows
 from geometry.assembly import Assembly
 from geometry.errors import RefusedError
 from geometry.loads import FaceLoad, LoadCase, PressureLoad, TractionLoad

@@ -17,7 +17,7 @@ from fem.contact.surfaces import (
     corner_overclosures,
     placed_corners,
 )
-from fem.element.facet import facet_areas, facet_functions
+from fem.element.functions import facet_areas, facet_functions
 from fem.system.system import Sector, System
 from geometry.assembly import Assembly
 from geometry.mesh import BoolArray, FloatArray, IntArray, ReadOnlyArrays, structured_quads

@@ -8,7 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from fem.system.forces import Amplitude
+from fem.system.rows import Amplitude
 from fem.system.system import System
 from geometry.mesh import FloatArray, IntArray, ReadOnlyArrays
 from geometry.parts.balance import Reactions, of_supports, outward_thrust

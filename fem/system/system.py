@@ -21,10 +21,9 @@ from fem.contact.law import ContactLaw
 from fem.contact.normals import ContactNormals
 from fem.contact.search import SearchedPoints
 from fem.contact.surfaces import ContactPoints, MatchedFacets
-from fem.element.lagrange_mesh import in_pieces
+from fem.element.lagrange import in_pieces
 from fem.system.body import Body, refuse_turning_springs
-from fem.system.forces import ForceRows
-from fem.system.held import NOT_HELD, Held, HeldRows
+from fem.system.rows import NOT_HELD, ForceRows, Held, HeldRows
 from geometry.assembly import Assembly
 from geometry.mesh import BoolArray, FloatArray, IntArray
 

@@ -12,7 +12,7 @@ from fem.explicit.start import prepare
 from fem.explicit.step import placed_internal_force
 from fem.system.body import placed_body
 from fem.system.effects import BulkViscosity, Effects, RayleighDamping
-from fem.system.forces import SmoothStepAmplitude
+from fem.system.rows import SmoothStepAmplitude
 from tests.support.explicit_runs import explicit_run
 from tests.support.fem_problems import CONCRETE, distorted_box
 from tests.support.lone_bodies import lone_bodies, nodal_load

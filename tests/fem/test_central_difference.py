@@ -23,7 +23,7 @@ from fem.explicit.step import Loop, step
 from fem.explicit.timed import TimedSystem
 from fem.system.body import Body, placed_body
 from fem.system.effects import BulkViscosity, Effects, RayleighDamping
-from fem.system.forces import SmoothStepAmplitude
+from fem.system.rows import SmoothStepAmplitude
 from geometry.block import box_block
 from geometry.mesh import CORNERS, HexMesh
 from tests.support.explicit_runs import explicit_run

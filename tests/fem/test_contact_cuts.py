@@ -7,7 +7,7 @@ from scipy.spatial import ConvexHull
 from fem.contact.cuts import carry_over
 from fem.contact.pieces import clip, fine_points, moment_points
 from fem.contact.search import BlockSurface, FacingPoints, closest_points
-from fem.element.facet import lagrange_basis
+from fem.element.functions import lagrange_basis
 from geometry.block import box_block
 from geometry.mesh import boundary_quads
 

@@ -13,7 +13,7 @@ from fem import ElementType
 from fem.explicit import block_frame, damping, solve, start, step
 from fem.system.body import placed_body, springs_on
 from fem.system.effects import AdaptiveMassDamping, BulkViscosity, Effects, RayleighDamping
-from fem.system.forces import SmoothStepAmplitude
+from fem.system.rows import SmoothStepAmplitude
 from geometry.mesh import boundary_quads
 from tests.support.explicit_runs import explicit_run
 from tests.support.fem_problems import CONCRETE, distorted_box

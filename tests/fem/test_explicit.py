@@ -21,7 +21,7 @@ from fem.system.effects import (
     Effects,
     RayleighDamping,
 )
-from fem.system.forces import LoadError, SmoothStepAmplitude
+from fem.system.rows import LoadError, SmoothStepAmplitude
 from fem.system.time_step import TimeStepError
 from tests.support.blocks import random_rotation
 from tests.support.cantilever import EVERYTHING, HELD, MESH, cantilever

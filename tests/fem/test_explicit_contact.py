@@ -8,7 +8,7 @@ import pytest
 from fem import CoulombFriction, Frames, Material
 from fem.contact.friction import Coulomb
 from fem.contact.normals import ContactNormals
-from fem.element.facet import FACET_SLOPES, FACET_VALUES
+from fem.element.functions import FACET_SLOPES, FACET_VALUES
 from fem.explicit.body import world_vectors
 from fem.explicit.damping import applied_forces
 from fem.explicit.setup.timed_system import timed_system

@@ -7,7 +7,7 @@ from fem import CoulombFriction, LinearPenalty
 from fem.dynamics import stated_run
 from fem.explicit.setup.timed_system import timed_system
 from fem.system.effects import PAPER_RAYLEIGH, Effects
-from fem.system.forces import SmoothStepAmplitude, TabularAmplitude
+from fem.system.rows import SmoothStepAmplitude, TabularAmplitude
 from tests.support.explicit_runs import explicit_run
 from tests.support.fem_problems import in_contact
 from tests.support.floor import GRAVITY, block_on_floor

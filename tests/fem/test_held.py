@@ -10,8 +10,7 @@ import pytest
 
 from fem.static.solve import StaticOptions, static_state
 from fem.system.body import ModelError
-from fem.system.forces import TabularAmplitude
-from fem.system.held import Held, HeldRows, held_at, joined_rows
+from fem.system.rows import Held, HeldRows, TabularAmplitude, held_at, joined_rows
 from fem.system.sector import largest_sector
 from validation import load_case
 

@@ -7,15 +7,14 @@ import pytest
 import skfem
 
 from fem import ElementType, Problem, solve_static
-from fem.element.facet import lagrange_basis
 from fem.element.functions import (
     gauss_functions,
+    lagrange_basis,
     line_basis,
     lobatto_points,
 )
 from fem.element.kinds import block_internal_force, block_stiffness
-from fem.element.lagrange import Lagrange, adjugates
-from fem.element.lagrange_mesh import LagrangeMesh, with_degree
+from fem.element.lagrange import Lagrange, LagrangeMesh, adjugates, with_degree
 from fem.static.linear_step.columns import alike_lengths, flexible_block
 from fem.static.linear_step.grid_block import GridBlock, grid_block
 from fem.system.body import placed_body

@@ -9,8 +9,7 @@ import pytest
 import pyvista as pv
 
 from fem.accuracy.transfer import interpolation
-from fem.element.lagrange import Lagrange
-from fem.element.lagrange_mesh import LagrangeMesh, with_degree
+from fem.element.lagrange import Lagrange, LagrangeMesh, with_degree
 from fem.static.linear_step.grid_block import windows
 from fem.stresses import ball_averages
 from fem.stresses.ball_averages import _Cells, _tension, averaged_tension

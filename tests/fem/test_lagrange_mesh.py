@@ -18,10 +18,10 @@ from fem import (
 from fem.answer.pressures import contact_measures, largest_pressure
 from fem.contact.normals import ContactNormals
 from fem.element.kinds import block_lumped_mass
-from fem.element.lagrange_mesh import LagrangeMesh, in_pieces, with_degree
+from fem.element.lagrange import LagrangeMesh, in_pieces, with_degree
 from fem.static.solve import StaticMethod, StaticOptions
 from fem.system.body import placed_body
-from fem.system.forces import pressure_forces
+from fem.system.rows import pressure_forces
 from geometry.block import Block
 from geometry.families.boxes import ColumnBox, box_column
 from geometry.families.hexagon_block import (

@@ -11,7 +11,7 @@ from fem import Problem, concrete
 from fem.accuracy.ladder import PRESSURES, Rung, on_rung, split
 from fem.element.hexahedron import gauss_gradients, mean_gradients
 from fem.element.kinds import block_lumped_mass
-from fem.system.forces import (
+from fem.system.rows import (
     LoadError,
     SmoothStepAmplitude,
     TabularAmplitude,

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from fem import Material
-from fem.element.hexahedron import VOIGT
+from fem.element.material import VOIGT
 
 pytestmark = pytest.mark.quick
 

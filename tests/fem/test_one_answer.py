@@ -19,7 +19,7 @@ from fem.accuracy.facets import pressures_on_facets
 from fem.accuracy.ladder import coarser, split
 from fem.accuracy.ladder import on_mesh as on_degree
 from fem.accuracy.transfer import interpolation, node_places, transferred
-from fem.element.lagrange_mesh import with_degree
+from fem.element.lagrange import with_degree
 from fem.static import problem as static_problem
 from fem.static.linear_step.grid import grid_blocks
 from fem.static.linear_step.grid_block import PointFlexibility

@@ -12,7 +12,7 @@ import pytest
 
 from fem import Material, Problem, Static, solve_static
 from fem.answer.pressures import contact_measures
-from fem.element.lagrange_mesh import LagrangeMesh, with_degree
+from fem.element.lagrange import LagrangeMesh, with_degree
 from geometry import Block, LoadCase, read_blocks
 from geometry.files.hexahedral_solids import file_blocks
 from geometry.files.quadratic import NATURAL

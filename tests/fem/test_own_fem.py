@@ -19,7 +19,7 @@ from fem.decks.problem import deck_lines, problem_deck
 from fem.dynamics import stated_run
 from fem.static.solve import static_state
 from fem.system.contact_state import facing_points
-from fem.system.forces import wrench_forces
+from fem.system.rows import wrench_forces
 from geometry import (
     Assembly,
     ColumnBox,

@@ -11,7 +11,7 @@ from fem.answer.forces import joints_of
 from fem.answer.pressures import largest_pressure
 from fem.contact.normals import ContactNormals
 from fem.contact.surfaces import corner_overclosures
-from fem.element.facet import FACET_VALUES
+from fem.element.functions import FACET_VALUES
 from fem.element.kinds import integration_points
 from fem.problem import Problem
 from fem.state import State

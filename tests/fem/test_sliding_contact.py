@@ -10,7 +10,7 @@ from fem.contact.cuts import closest_point
 from fem.contact.normals import ContactNormals
 from fem.contact.search import closest_points
 from fem.contact.surfaces import ContactError
-from fem.element.facet import bilinear
+from fem.element.functions import bilinear
 from fem.explicit.body import world_vectors
 from fem.explicit.setup.timed_system import timed_system
 from fem.explicit.start import prepare

@@ -77,7 +77,7 @@ def test_patch_test_across_a_conforming_interface(element):
 
 def held_tangentially(model, shape):
     """Hold one corner along the two tangents of the slope, and a neighbour across."""
-    from fem.system.held import held_at
+    from fem.system.rows import held_at
 
     slope = np.array([1.0, 0.0, 0.3]) / np.hypot(1.0, 0.3)
     across = np.array([0.0, 1.0, 0.0])

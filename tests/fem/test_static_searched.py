@@ -10,8 +10,7 @@ from fem.contact.normals import ContactNormals
 from fem.static import problem as static_problem
 from fem.static.linear_step.linearisation import StaticError
 from fem.static.solve import StaticMethod, StaticOptions, static_state
-from fem.system.forces import SmoothStepAmplitude
-from fem.system.held import joined_rows
+from fem.system.rows import SmoothStepAmplitude, joined_rows
 from geometry.families.boxes import ColumnBox, box_column
 from geometry.loads import face_pressure
 from tests.support.fem_problems import deformable_assembly

@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from fem import ElementType
 from fem.element.kinds import block_stiffness, integration_points, nodal_stress, point_stress
-from fem.element.stress import (
+from fem.element.material import (
     DisplacementShapeError,
     invariants,
     principal_stress,

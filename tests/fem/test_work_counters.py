@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from fem.element.kinds import block_stiffness, element_of
-from fem.element.lagrange_mesh import with_degree
+from fem.element.lagrange import with_degree
 from geometry import box_block
 from geometry.machine.work import GROWTH, SECONDS, Operation, budget, count, count_elimination
 from tests.support.curved_blocks import CONCRETE

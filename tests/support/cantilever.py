@@ -12,7 +12,7 @@ from fem.system.effects import (
     Effects,
     RayleighDamping,
 )
-from fem.system.forces import SmoothStepAmplitude
+from fem.system.rows import SmoothStepAmplitude
 from geometry.block import box_block
 from tests.support.fem_problems import CONCRETE
 from tests.support.lone_bodies import fixed_nodes, lone_bodies, nodal_load

@@ -13,8 +13,7 @@ from fem.contact.surfaces import contact_surfaces
 from fem.explicit.timed import TimedSystem
 from fem.system.body import Body
 from fem.system.effects import Effects
-from fem.system.forces import Amplitude, ForceRows
-from fem.system.held import HeldRows, held_at, joined_rows
+from fem.system.rows import Amplitude, ForceRows, HeldRows, held_at, joined_rows
 from fem.system.system import Contact, System
 from geometry.assembly import Assembly
 from geometry.block import Block

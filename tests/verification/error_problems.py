@@ -14,7 +14,7 @@ import numpy as np
 
 from fem import CoulombFriction, ExponentialLaw, LinearPenalty, Material, Problem
 from fem.accuracy.ladder import Rung
-from fem.element.lagrange_mesh import LagrangeMesh, with_degree
+from fem.element.lagrange import LagrangeMesh, with_degree
 from geometry import (
     Assembly,
     Block,

@@ -10,7 +10,7 @@ from typing import TypeVar
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from fem.element.lagrange_mesh import with_degree
+from fem.element.lagrange import with_degree
 from geometry.assembly import Assembly
 from geometry.errors import RefusedError
 from geometry.files.block_files import diagnosed_blocks, read_blocks

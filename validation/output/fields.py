@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from fem.element.stress import von_mises
+from fem.element.material import von_mises
 from fem.stresses.recovery import (
     Recovered,
     block_displacements,

@@ -11,8 +11,7 @@ from fem.element.hexahedron import ElementType
 from fem.element.kinds import block_stiffness
 from fem.element.material import Material
 from fem.static.solve import static_state
-from fem.system.forces import ForceRows
-from fem.system.held import joined_rows
+from fem.system.rows import ForceRows, joined_rows
 from geometry.block import box_block
 from geometry.errors import RefusedError
 from geometry.families.sine_block import TSB1

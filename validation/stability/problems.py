@@ -12,8 +12,7 @@ from fem.contact.normals import ContactNormals
 from fem.element.hexahedron import ElementType
 from fem.element.material import Material
 from fem.problem import Problem
-from fem.system.forces import ForceRows
-from fem.system.held import NOT_HELD, HeldRows, held_at
+from fem.system.rows import NOT_HELD, ForceRows, HeldRows, held_at
 from fem.system.system import System
 from geometry.assembly import Assembly
 from geometry.block import Block

@@ -13,7 +13,7 @@ from fem.decks.read.cards import Card
 from fem.decks.read.words import Dialect
 from fem.element.material import Material
 from fem.system.effects import BulkViscosity, Effects, RayleighDamping
-from fem.system.forces import SmoothStepAmplitude
+from fem.system.rows import SmoothStepAmplitude
 from geometry.mesh import FloatArray
 
 #: Wave speed of materials without a density, which a static answer does not depend on [mm/s].

@@ -16,7 +16,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from fem.element.facet import FACET_SLOPES
+from fem.element.functions import FACET_SLOPES
 from fem.explicit.kernels.lanes import REGISTER_DOUBLES
 from fem.system.system import Sector
 from geometry.interface import SAME_PLACEMENT

@@ -14,7 +14,7 @@ import numpy as np
 from fem.contact.friction import slip_sides
 from fem.contact.normals import ContactNormals
 from fem.contact.search import SearchedPoints
-from fem.element.facet import FACET_CORNERS
+from fem.element.functions import FACET_CORNERS
 from fem.explicit.body import LaneBody
 from fem.explicit.contact.alike_pairs import WIDEST, AlikePairs, alike_pairs, unit_widths
 from fem.explicit.contact.contact import BlockContact

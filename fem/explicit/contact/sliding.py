@@ -15,7 +15,7 @@ import numpy as np
 
 from fem.contact.friction import slip_sides
 from fem.contact.search import FacingPoints, SearchedPoints, points_of_search
-from fem.element.facet import facet_functions
+from fem.element.functions import facet_functions
 from fem.explicit.body import LaneBody
 from fem.explicit.contact.contact import BlockContact
 from fem.explicit.contact.sliding_kernel import (

@@ -23,7 +23,7 @@ from fem.problem import Motion
 from fem.system.body import ModelError, refuse_turning_springs
 from fem.system.contact_state import facing_points, searched_state
 from fem.system.effects import EffectError, Effects
-from fem.system.forces import ALL_THE_WAY, SmoothStepAmplitude, TabularAmplitude
+from fem.system.rows import ALL_THE_WAY, SmoothStepAmplitude, TabularAmplitude
 from fem.system.sector import SymmetryError, largest_sector, require_sector
 from fem.system.system import Sector, System
 from fem.system.time_step import TimeStepError

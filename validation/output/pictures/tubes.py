@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from fem.element.functions import lobatto_points
-from fem.element.stress import von_mises
+from fem.element.material import von_mises
 from fem.stresses.recovery import principal_of
 from geometry.answer import is_round
 from geometry.families.hexagon_block import EDGE_NAMES
