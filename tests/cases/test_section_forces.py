@@ -51,6 +51,9 @@ def test_a_cantilever_has_its_shear_and_moment(degree) -> None:
     moments = np.column_stack([load * (400.0 - x), np.zeros(5)])
     np.testing.assert_allclose(found.bending_moments, moments, atol=1e-9 * load * 400.0)
     assert np.abs(found.twisting_moment).max() < 1e-9 * load * 400.0
+    # A corner of legs of 0.5 mm.
+    corner = section(run, [399.5, 40.0, 60.0], [1.0, 1.0, 1.0])
+    assert corner.areas == pytest.approx(np.sqrt(3.0) / 2.0 * 0.5**2, rel=1e-9)
     # The part behind acts on the part ahead with the opposite forces.
     turned = section(run, points, [-1.0, 0.0, 0.0])
     np.testing.assert_allclose(turned.forces, -found.forces, atol=1e-9 * load)

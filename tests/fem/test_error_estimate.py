@@ -9,7 +9,7 @@ import pytest
 
 from fem import Problem, Static, concrete, solve_static
 from fem.accuracy.errors import one_mesh_bars
-from fem.accuracy.one_mesh import static_errors
+from fem.accuracy.one_mesh import _twice_as_fine, static_errors
 from fem.state import State
 from fem.static.solve import static_state
 from geometry import Answer, ColumnBox, box_column
@@ -17,6 +17,7 @@ from geometry.answer import WIDEST
 from geometry.loads import face_pressure
 from geometry.machine.work import budget
 from tests.support.answers import on_its_mesh
+from tests.support.coarse_tubes import pressed
 from tests.support.own_blocks import column
 from tests.support.references import references
 from validation import Case, load_case, solve
@@ -123,6 +124,12 @@ def test_coarser_meshes_can_be_built(case: Case) -> None:
     assert coarsest.coarser(0.5) is None
 
 
+@pytest.mark.quick
+def test_the_finer_mesh_of_a_family_has_half_as_long_elements() -> None:
+    problem = pressed(1, (12, 1, 2))
+    assert _twice_as_fine(problem).system.n_elements == 8 * problem.system.n_elements
+
+
 def test_errors_are_printed_and_in_the_data() -> None:
     run = on_its_mesh(column(0.5), method="static")
     plain = run.as_dict()["measures"]
@@ -146,7 +153,7 @@ def test_a_measure_that_a_coarser_mesh_has_not_gets_no_bar() -> None:
 @pytest.mark.parametrize("finer", [False, True])
 def test_one_other_mesh_shows_no_rate_three_do(finer: bool) -> None:
     """A pressure that falls by the root of the length has a bar of its error, by the safety: with
-    one coarser mesh by Roache's factor for two meshes."""
+    one coarser mesh by Roache's factor for two meshes. What load steps leave comes on top."""
     exact, safety = 3.0, 1.5
 
     def at(length: float) -> dict[str, float]:
@@ -156,6 +163,8 @@ def test_one_other_mesh_shows_no_rate_three_do(finer: bool) -> None:
     three = one_mesh_bars(at(1.0), others, [], {}, {})
     assert three["p_max_point"] == pytest.approx(safety * 0.5)
     assert three["max_displacement"] == pytest.approx(safety * 0.5)
+    stepped = one_mesh_bars(at(1.0), others, [], {}, {"max_displacement": 0.25})
+    assert stepped["max_displacement"] == pytest.approx(three["max_displacement"] + 0.25)
     two = one_mesh_bars(at(1.0), others[1:], [], {}, {})
     assert two["max_displacement"] == pytest.approx(3.0 * 0.5)
 

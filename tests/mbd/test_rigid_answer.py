@@ -267,3 +267,5 @@ def test_first_rows_are_printed_before_the_paper_s_measures(tmp_path: Path) -> N
     places = [words.index(f"│ {row} ") for row in order]
     assert places == sorted(places)
     assert 'norm = "pressure"' in words
+    # Of contacts at points, which solids have; those of a tube are facets.
+    assert "largest contact force" not in words
