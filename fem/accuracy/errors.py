@@ -44,7 +44,6 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from scipy.optimize import brentq
 
 from fem.accuracy.ladder import AT_EDGES, INTEGRALS, OF_FACETS, Rung
 from geometry.answer import Measure
@@ -213,7 +212,13 @@ def _shown_rate(values: Sequence[float], fine: FloatArray, most: float) -> float
 
     if excess(_SLOWEST) >= 0.0 and three != two:
         return _SLOWEST
-    return most if excess(most) <= 0.0 else brentq(excess, _SLOWEST, most, xtol=1e-12)
+    if excess(most) <= 0.0:
+        return most
+    low, high = _SLOWEST, most
+    while high - low > 1e-12:
+        middle = (low + high) / 2
+        low, high = (middle, high) if excess(middle) < 0.0 else (low, middle)
+    return high
 
 
 def one_mesh_bars(

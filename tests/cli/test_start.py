@@ -83,3 +83,13 @@ def test_a_rigid_tube_loads_its_statement_and_its_solver() -> None:
     assert not parts & UNUSED_SCIPY
     assert not {name for name in modules if name.startswith(("numpy.f2py.", "numpy.testing."))}
     assert not {name for name in modules if name.startswith(UNUSED)}
+
+
+def test_a_deformable_tube_loads_no_optimiser_and_nothing_that_draws() -> None:
+    coarse = ("--set", "assembly.layers=1", "--set", "fem.max_meshes=1")
+    modules = loaded("fem", "tsb1-pipe", *coarse, "--json", "-")
+    assert "fem.static.newton" in modules
+    assert foreign(modules) <= TERMINAL | SCENES | NUMBERS
+    parts = {name.split(".")[1] for name in modules if name.startswith("scipy.")}
+    assert not parts & UNUSED_SCIPY - {"spatial", "special"}
+    assert not {name for name in modules if name.startswith(("fem.explicit", "fem.decks"))}
