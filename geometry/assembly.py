@@ -298,7 +298,7 @@ def contact_mesh(
     assembly
         Blocks and their interfaces.
     contacts
-        Positions in `assembly.interfaces`, such as `mbd.RigidResult.contact_index`; all by default.
+        Positions in `assembly.interfaces`, such as `mbd.RigidSystem.contact_index`; all by default.
     **values
         One value for each contact, such as ``pressure``, by the name that the mesh gives it.
     """

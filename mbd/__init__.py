@@ -13,7 +13,7 @@ What most need::
 | `analyse` | the rigid answer to a problem, or to blocks and a load: a `geometry.Answer` |
 | `Rigid` | the method: what contact forces minimise, what is found beside |
 | `Norm`, `Solver`, `FrictionLaw` | its options by name |
-| `RigidResult` | `Answer.details`: certificates, forces and equilibrium as objects |
+| `RigidSystem` | `Answer.details`: certificates, forces and equilibrium as objects |
 | `MechanismClass` | locked, activated, suppressed or neutral |
 | `stages`, `Stages` | whether each stage of a construction stands, and its least propping |
 | `take_out` | which block comes out by a straight motion, and in which order all do |
@@ -27,7 +27,7 @@ from mbd.answer import analyse, stages
 from mbd.contacts.jacobian import contact_jacobian
 from mbd.mechanism import MechanismClass
 from mbd.options import FrictionLaw, Norm, Rigid, Solver, Stages
-from mbd.results.result import RigidResult
+from mbd.system import RigidSystem
 
 if TYPE_CHECKING:
     from mbd.building.take_out import take_out
@@ -37,7 +37,7 @@ __all__ = [
     "MechanismClass",
     "Norm",
     "Rigid",
-    "RigidResult",
+    "RigidSystem",
     "Solver",
     "Stages",
     "analyse",

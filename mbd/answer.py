@@ -38,13 +38,10 @@ from geometry.parts.placed import AnyBlocks, PlacedBlocks
 from geometry.parts.rows import Notes, Part, Row, plain
 from geometry.parts.supports import HeldFace
 from geometry.polyhedra.options import CROSSING_EDGES, STANDING_CORNER
-from mbd.contacts.jacobian import contact_jacobian
 from mbd.contacts.supports import check_supports
-from mbd.mechanism import MANY_BLOCKS, classify
 from mbd.options import Rigid, Stages
-from mbd.results.result import EdgesAndCorners, RigidResult
 from mbd.results.rows import rigid_rows
-from mbd.system import RigidStatement, RigidSystem, Stated
+from mbd.system import RigidStatement, RigidSystem, Stated, silent
 
 if TYPE_CHECKING:
     from geometry.polyhedra.assembly import PolyhedralAssembly
@@ -124,7 +121,7 @@ def analyse(
     -------
     Answer
         Its title says whether the load is carried, or that the blocks are locked; `details` is the
-        `RigidResult`, `parts` what was found beside. Nothing is called equilibrium above a relative
+        `RigidSystem`, `parts` what was found beside. Nothing is called equilibrium above a relative
         residual of 1e-6. Where the load is not carried there are no measures and no pressures, for
         nothing balances it; the field ``mechanism`` is then the first-order motion,
         largest 1 [-].
@@ -142,7 +139,7 @@ def analyse(
             "case as load="
         )
     stated, method = as_statement(problem, load), method or Rigid()
-    tell = progress or (lambda _: None)
+    tell = progress or silent
     with timed_stages() as watch:
         check(stated, method)
         watch.lap("interfaces")
@@ -152,9 +149,18 @@ def analyse(
             one_thread_of_blas(),
             budget(method.max_work, clock(method.max_seconds), method.max_memory) as spent,
         ):
-            result = _result(stated, method, tell, watch)
-    parts |= {**result.parts, "work": spent}
-    return _answer(stated, replace(result, parts=parts, cpu_seconds=watch.seconds()))
+            case = stated.rigid_load
+            taken = Stated(
+                stated.rigid_blocks,
+                replace(case, held=_held(case)),
+                stated.rigid_weight,
+                stated.coulomb,
+                stated.interference,
+            )
+            system = RigidSystem(taken, method, tell)
+            parts |= _found(system, case, watch)
+    parts["work"] = spent
+    return _answer(stated, system, parts, watch.seconds())
 
 
 def check(problem: RigidStatement, method: Rigid) -> None:
@@ -182,7 +188,7 @@ def check(problem: RigidStatement, method: Rigid) -> None:
     if method.stages is not None:
         from mbd.building.stages import Construction
 
-        Construction(problem, method.stages, method, lambda _: None, analyse).check()
+        Construction(problem, method.stages, method, silent, analyse).check()
 
 
 def _held(case: LoadCase) -> tuple[HeldFace, ...]:
@@ -220,7 +226,7 @@ def stages(
     from mbd.building.stages import Construction
 
     stated = order if isinstance(order, Stages) else Stages(order=cast("Any", order))
-    tell = progress or (lambda _: None)
+    tell = progress or silent
     return Construction(problem, stated, method or Rigid(), tell, analyse).judged()
 
 
@@ -256,99 +262,73 @@ def _require_memory(stated: RigidStatement, method: Rigid) -> None:
     )
 
 
-def _result(
-    problem: RigidStatement, method: Rigid, tell: Callable[[str], None], watch: Stopwatch
-) -> RigidResult:
-    """Classify rigid blocks, solve for their contact forces, and find what a method asks beside."""
-    whole, case, weight = problem.rigid_blocks, problem.rigid_load, problem.rigid_weight
-    held = _held(case)
-    stated = Stated(whole, replace(case, held=held), weight, problem.coulomb)
-    faces = whole
-    if not isinstance(whole, Assembly):
-        faces = cast("PolyhedralAssembly", whole).bearing()
-    system = RigidSystem(stated.on(faces), method, tell)
-    result = _judged(system, watch)
-    parts = dict(result.parts)
-    smooth, locked = result.equilibrium, result.supported_classification.locked
-    if system.coulomb is None and smooth.holds and not locked:
+def _found(system: RigidSystem, case: LoadCase, watch: Stopwatch) -> dict[str, Part]:
+    """Classify rigid blocks, solve for their contact forces, and find what a method asks beside.
+
+    ``case`` has the support that pushes, too.
+    """
+    method, load, stated = system.method, system.load, system.stated
+    parts = _judged(system, watch)
+    carried = system.equilibrium.holds and not system.supported_classification.locked
+    if system.coulomb is None and carried:
         from mbd.limits.pushes import Pushes
 
         parts = {"pushes": Pushes(system), **parts}
-    if len(held) < len(case.held):
-        pushed = Stated(whole, case, weight, problem.coulomb).on(faces)
+    if len(load.held) < len(case.held):
+        pushed = Stated(system.blocks, case, stated.rigid_weight, system.coulomb)
         parts["push_limit"] = _push(RigidSystem(pushed, method))
-    if faces is not whole:
-        tell("what edges and corners would add")
-        parts["edges_and_corners"] = _edges(stated, result, method, watch)
-        index = np.flatnonzero(cast("PolyhedralAssembly", whole).interfaces.bears)
-        result = replace(result, blocks=whole, contact_index=index[result.contact_index])
-    if problem.interference:
+    if (both := system.with_edges) is not None:
+        from mbd.results.parts import EdgesAndCorners, collapse_of
+
+        system.tell("what edges and corners would add")
+        if both is not system:
+            _classified(both, watch)
+        factors = None
+        if method.collapse:
+            known = cast("CollapseLoad", parts["collapse"])
+            other = known if both is system else collapse_of(both)
+            factors = known.factor, other.factor
+        parts["edges_and_corners"] = EdgesAndCorners(system, both, factors)
+    if stated.interference:
         words = (
-            f"{problem.interference:g} mm: not counted by rigid blocks; `tubelock fem` computes "
+            f"{stated.interference:g} mm: not counted by rigid blocks; `tubelock fem` computes "
             "its forces"
         )
         parts["interference"] = Notes([Row("interference fit", words, group="verdict")])
-    if result.moving is not None:
-        from mbd.results.motion import motion_of_blocks, placed_motion
+    _ = system.words  # whether joints are pressed beforehand, while work is counted
+    if system.moving is not None:
+        from mbd.results.motion import driven_motion
 
-        motion = placed_motion(whole, result.moving, ~result.load.fixed)
-        proved = result.verdict.holds is False
-        parts["motion"] = motion_of_blocks(whole, motion, weight, proved=proved)
+        proved = system.verdict.holds is False
+        parts["motion"] = driven_motion(system, system.moving, proved=proved)
     watch.lap(_BESIDE)
-    return replace(result, parts=parts)
+    return parts
 
 
-def _judged(system: RigidSystem, watch: Stopwatch) -> RigidResult:
-    """Classify an assembly and solve for its contact forces (Algorithm 1), with friction or not."""
-    blocks, load = system.blocks, system.load
-    system.tell(f"{int((~load.fixed).sum())} free blocks: equilibrium and mechanisms")
-    _ = blocks.interfaces  # found once and kept: timed as a stage of its own
+def _classified(system: RigidSystem, watch: Stopwatch) -> None:
+    """Classify an assembly and solve for its contact forces without friction (Algorithm 1)."""
+    system.tell(f"{system.n_blocks} free blocks: equilibrium and mechanisms")
+    # Each is found once and kept: timed as a stage of its own.
+    _ = system.touching.interfaces
     watch.lap("interfaces")
-    contacts, force = system.contacts, system.force
+    _ = system.force
     watch.lap("jacobian")
-    balance = system.frictionless
+    _ = system.equilibrium
     watch.lap("equilibrium")
-    many = len(contacts.free_blocks) > MANY_BLOCKS
-    supported = framed = classify(contacts.jacobian, force, balance, many=many)
-    if (load.fixed != blocks.fixed).any():
-        held = contact_jacobian(blocks, supports=load.held)
-        framed = classify(held.jacobian, held.rows(load.wrenches))
+    _ = system.classification
     watch.lap("mechanism")
-    parts: dict[str, Part] = {}
-    if system.coulomb is not None or system.method.asks_more:
-        from mbd.results.parts import parts_of
 
-        parts = parts_of(system)
+
+def _judged(system: RigidSystem, watch: Stopwatch) -> dict[str, Part]:
+    """Classify an assembly, and find friction and limits where they are asked."""
+    _classified(system, watch)
+    if system.coulomb is None and not system.method.asks_more:
+        return {}
+    from mbd.results.parts import parts_of
+
+    parts = parts_of(system)
     watch.lap(_BESIDE)
-    return RigidResult(
-        classification=framed,
-        supported_classification=supported,
-        equilibrium=balance,
-        contact_index=contacts.index,
-        norm=system.method.norm,
-        blocks=blocks,
-        load=load,
-        parts=parts,
-    )
-
-
-def _edges(stated: Stated, faces: RigidResult, method: Rigid, watch: Stopwatch) -> EdgesAndCorners:
-    """Judge the same blocks on all contacts, edges and corners included."""
-    whole = cast("PolyhedralAssembly", stated.rigid_blocks)
-    without = int((~whole.interfaces.bears).sum())
-    both = faces
-    # What no motion leaves cannot move with more contacts either.
-    if not (faces.classification.locked and faces.supported_classification.locked):
-        asked = replace(method, sliding=False, ranges=False, margin=False)
-        both = _judged(RigidSystem(stated, asked), watch)
-    factors = None
-    if method.collapse:
-        factors = _factor(faces), _factor(both)
-    return EdgesAndCorners(without, faces.verdict, both.verdict, factors, both.classification)
-
-
-def _factor(result: RigidResult) -> float:
-    return cast("CollapseLoad", result.parts["collapse"]).factor
+    return parts
 
 
 def _push(system: RigidSystem) -> Part:
@@ -361,34 +341,39 @@ def _push(system: RigidSystem) -> Part:
         return Notes([Row("limit of the push", f"none: {error}", group="verdict")])
 
 
-def _answer(stated: RigidStatement, result: RigidResult) -> Answer:
-    """Make the answer of a rigid result."""
-    assembly, motion = result.blocks, result.block_motion
+def _answer(
+    stated: RigidStatement,
+    system: RigidSystem,
+    parts: dict[str, Part],
+    seconds: dict[str, float],
+) -> Answer:
+    """Make the answer of what was found."""
+    assembly, motion = system.blocks, system.block_motion
     arrays, fields = Lazy(_arrays(assembly)), dict[str, Callable[[], Array]]()
     if motion is not None:
         fields["mechanism"] = lambda: _node_motion(
             assembly, motion, arrays["points"], arrays["block_of_point"]
         )
-    moves = cast("DrivenMotion | None", result.parts.get("motion"))
+    moves = cast("DrivenMotion | None", parts.get("motion"))
     first = f"; {moves.first}" if moves else ""
-    contacts = Lazy(_contacts(result) if result.holds else {})
+    contacts = Lazy(_contacts(system) if system.holds else {})
     return Answer(
-        title=f"{assembly.name}: rigid blocks, {result.words}{first}",
+        title=f"{assembly.name}: rigid blocks, {system.words}{first}",
         method="rigid",
-        measures=known(_measures(result, contacts, stated.compressive_strength)),
+        measures=known(_measures(system, contacts, stated.compressive_strength)),
         fields=Lazy(fields),
         arrays=arrays,
         contacts=contacts,
-        reported=lambda: _report(result),
-        details=result,
+        reported=lambda: _report(system, seconds),
+        details=system,
         problem=stated,
-        cut=lambda planes: _sections(result, planes),
-        parts={**result.parts, "dimensions": Built(lambda: dimensions(assembly))},
+        cut=lambda planes: _sections(system, planes),
+        parts={**parts, "dimensions": Built(lambda: dimensions(assembly))},
         tabled=rigid_rows,
     )
 
 
-def _sections(result: RigidResult, cut: Planes) -> SectionForces:
+def _sections(result: RigidSystem, cut: Planes) -> SectionForces:
     """Sum the forces of the joints between blocks on both sides of planes."""
     if not result.holds:
         raise SectionError("section: nothing carries the load: there are no forces")
@@ -397,13 +382,13 @@ def _sections(result: RigidResult, cut: Planes) -> SectionForces:
     return sections_through_joints(result.joints, result.blocks.centroids, cut)
 
 
-def _paper(result: RigidResult) -> Measures | None:
+def _paper(result: RigidSystem) -> Measures | None:
     """The paper's measures, which are means over facets that match."""
     return result.measures if isinstance(result.blocks, Assembly) else None
 
 
 def _measures(
-    result: RigidResult, contacts: Lazy[Array], strength: float | None
+    result: RigidSystem, contacts: Lazy[Array], strength: float | None
 ) -> dict[str, Measure]:
     """Pressures, joint forces and reaction; none where nothing balances the load."""
     pressed, paper = result.forces.any(), _paper(result)
@@ -426,7 +411,7 @@ def _measures(
     return found
 
 
-def _report(result: RigidResult) -> Lazy[Any]:
+def _report(result: RigidSystem, seconds: dict[str, float]) -> Lazy[Any]:
     """What the analysis says of itself, as plain data."""
     balance, holds, paper = result.equilibrium, result.holds, _paper(result)
     forces: dict[str, Any] = {}
@@ -440,7 +425,7 @@ def _report(result: RigidResult) -> Lazy[Any]:
             "mechanism_as_supported": str(result.supported_classification.mechanism),
             "certificate": result.classification.as_json()["certificate"],
             "equilibrium": plain(balance, "holds", "residual", "iterations", "status"),
-            "norm": str(result.norm),
+            "norm": str(result.method.norm),
             "answer": result.words,
             "carried": holds,
             **({} if paper is None else {"contact": asdict(paper)}),
@@ -450,13 +435,14 @@ def _report(result: RigidResult) -> Lazy[Any]:
             "units": REPORT_UNITS,
             "rotation_length": result.blocks.characteristic_length,
             "free_blocks": np.flatnonzero(~result.load.fixed).tolist(),
-            **plain(result, "n_blocks", "n_contacts", "cpu_seconds"),
+            **plain(result, "n_blocks", "n_contacts"),
+            "cpu_seconds": seconds,
             **_solids(result),
         }
     )
 
 
-def _solids(result: RigidResult) -> dict[str, Any]:
+def _solids(result: RigidSystem) -> dict[str, Any]:
     """What solids alone have, whose contacts are points on flat patches."""
     if isinstance(result.blocks, Assembly):
         return {}
@@ -496,7 +482,7 @@ def _joint_extremes(assembly: AnyBlocks, joints: JointResultants) -> dict[str, M
     return result
 
 
-def _contacts(carried: RigidResult) -> dict[str, Callable[[], Array]]:
+def _contacts(carried: RigidSystem) -> dict[str, Callable[[], Array]]:
     """Facets in the order of the interfaces, of triangulated blocks flat patches."""
     assembly, index = carried.blocks, carried.contact_index
     if isinstance(assembly, Assembly):

@@ -30,8 +30,7 @@ from geometry.polyhedra.assembly import as_polyhedral
 from geometry.polyhedra.options import DetectionOptions
 from mbd.contacts.friction import MOST_FRICTION, FrictionalContacts
 from mbd.equilibrium import frictional_equilibrium
-from mbd.results.result import carried_words
-from mbd.system import RigidStatement, RigidSystem, Stated
+from mbd.system import RigidStatement, RigidSystem, Stated, carried_words
 
 #: Natural coordinates of the corners of a facet (4, 2), and of its Gauss points in each direction.
 _CORNERS = np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
@@ -109,9 +108,9 @@ def _bearing(problem: HexahedralStatement, blocks: AnyBlocks) -> RigidSystem:
 
 def _motion(system: RigidSystem) -> str | None:
     """Motion that the load drives, in words; None where nothing certainly moves."""
-    if system.frictionless.holds:
+    if system.equilibrium.holds:
         return None
-    answer = system.frictionless if system.coulomb is None else system.with_friction
+    answer = system.equilibrium if system.coulomb is None else system.with_friction
     return None if answer.mechanism is None else _words(system, answer.mechanism)
 
 

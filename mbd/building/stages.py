@@ -24,15 +24,12 @@ from geometry.assembly import Assembly
 from geometry.loads import LoadCase
 from geometry.machine.work import allowance, budget, clock
 from geometry.mesh import BoolArray, FloatArray, connected_parts
-from geometry.parts.balance import of_fixed_blocks, together
 from geometry.parts.measures import joint_resultants
 from geometry.parts.placed import AnyBlocks
 from geometry.parts.rows import Row, finite, first_of, grouped, number
 from mbd.building.order import Order, StagesError
 from mbd.building.propping import NO_PROP, least_propping
 from mbd.building.take_out import Removal, WayOut
-from mbd.contacts.jacobian import contact_wrenches
-from mbd.contacts.supports import support_wrenches
 from mbd.loading import MOST_SECONDS
 from mbd.options import Along, Rigid, Stages
 from mbd.system import RigidStatement, RigidSystem, Stated
@@ -444,8 +441,8 @@ class Construction:
         balance, props = system.balance, np.zeros((blocks.n_blocks, 6))
         stands, forces, sought = Stands.STANDS, None, 0.0
         size = float(np.linalg.norm(load.wrenches[~load.fixed, :3].sum(axis=0)))
-        if balance is None and system.frictionless.holds:
-            forces = system.frictionless.with_tangents.forces
+        if balance is None and system.equilibrium.holds:
+            forces = system.equilibrium.with_tangents.forces
         elif balance is not None and balance.holds:
             forces, before = balance.forces, allowance().work
             # The last stage, which is the verdict of the whole, has its own limit.
@@ -515,7 +512,7 @@ class Construction:
     @staticmethod
     def _pressed(system: RigidSystem, forces: FloatArray, left: float) -> Stands:
         """Whether the weight itself presses the joints that need friction, within what is left."""
-        if left <= 0.0 and not system.frictionless.holds:
+        if left <= 0.0 and not system.equilibrium.holds:
             return Stands.PRESSED
         pressed = system.squeeze(forces, left)
         return Stands.STANDS if pressed.needed is False else Stands.PRESSED
@@ -540,16 +537,12 @@ class Construction:
 
 def _held(system: RigidSystem, forces: FloatArray, props: FloatArray) -> tuple[float, float, float]:
     """Largest thrust of a support, largest normal force of a joint, imbalance [N]."""
-    blocks, load, contacts = system.blocks, system.load, system.contacts
-    result, index = blocks.interfaces, contacts.index
-    world = system.frictional.world(forces, result.normals[index])
-    joints = joint_resultants(result, index, world, None)
-    acting = load.wrenches + props
-    held, taken = support_wrenches(blocks, load, acting + contact_wrenches(blocks, index, world))
-    fixed = of_fixed_blocks(blocks, joints, np.flatnonzero(load.fixed), taken)
-    rest = system.frictional.matrix @ forces.ravel() + contacts.rows(acting)
+    world, acting = system.on_s(forces), system.load.wrenches + props
+    joints = joint_resultants(system.blocks.interfaces, system.contact_index, world, None)
+    held, _ = system.held_by(joints, world, acting)
+    rest = system.frictional.matrix @ forces.ravel() + system.contacts.rows(acting)
     return (
-        float(together(held, fixed).thrusts.max(initial=0.0)),
+        float(held.thrusts.max(initial=0.0)),
         float(joints.normal_force.max(initial=0.0)),
         float(np.linalg.norm(rest)),
     )

@@ -14,7 +14,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from geometry.errors import RefusedError
-from geometry.mesh import FloatArray, IntArray
+from geometry.mesh import FloatArray, IntArray, ReadOnlyArrays
 from geometry.parts.placed import AnyBlocks
 from mbd.contacts.jacobian import ContactJacobian, RigidContacts
 from mbd.contacts.supports import admissible
@@ -32,7 +32,7 @@ class RigidFrictionError(RefusedError):
 
 
 @dataclass(frozen=True)
-class FrictionalContacts:
+class FrictionalContacts(ReadOnlyArrays):
     """Wrenches of unit normal and tangential forces at each contact."""
 
     matrix: sp.csc_array

@@ -178,7 +178,7 @@ class Pushes:
             [size * push for push in self._pushes.values()],
             system.method.norm,
             beside=system.force,
-            start=system.frictionless.multiplier,
+            start=system.equilibrium.multiplier,
         )
         for way, (_, found) in zip(_WAYS, answers, strict=True):
             if found.decided:

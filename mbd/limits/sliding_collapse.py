@@ -481,7 +481,7 @@ def sliding_state(system: RigidSystem, found: SlidingCollapse, problem: Reduced)
     """
     if found.mechanism is None:
         return {}
-    contacts, interfaces = system.contacts, system.blocks.interfaces
+    contacts, interfaces = system.contacts, system.touching.interfaces
     kept, index = problem.kept, contacts.index[problem.kept]
     points, normals = interfaces.centroids[index], interfaces.normals[index]
     forces = problem.contacts.world(found.forces, normals)

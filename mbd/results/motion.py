@@ -9,9 +9,10 @@ from typing import Any, cast
 import numpy as np
 
 from geometry.assembly import Assembly
-from geometry.mesh import BoolArray, FloatArray
+from geometry.mesh import FloatArray
 from geometry.parts.placed import AnyBlocks
 from geometry.parts.rows import Row
+from mbd.system import RigidSystem, placed_motion
 
 #: Blocks that move less than this part of the largest displacement are not among those that move
 #: most; and how many are named.
@@ -96,22 +97,13 @@ class DrivenMotion:
         return {"proved": self.proved, "blocks": blocks}
 
 
-def placed_motion(assembly: AnyBlocks, motion: FloatArray, free: BoolArray) -> FloatArray:
-    """(δt [mm], δθ [rad]) of all blocks, (n_blocks, 6), from rows of a Jacobian of free ones."""
-    moving = np.zeros((assembly.n_blocks, 6))
-    moving[free] = motion.reshape(-1, 6)
-    moving[:, 3:] /= assembly.characteristic_length
-    return moving
+def driven_motion(system: RigidSystem, rows: FloatArray, *, proved: bool) -> DrivenMotion:
+    """Name the blocks that move most, of a motion (n_rows,) to any scale.
 
-
-def motion_of_blocks(
-    assembly: AnyBlocks, moving: FloatArray, weight: FloatArray | None, *, proved: bool
-) -> DrivenMotion:
-    """Name the blocks that move most.
-
-    From (δt, δθ) of each block to any scale, (n_blocks, 6) [mm, rad]. The weight of the blocks,
-    (n_blocks, 6), says which way is down.
+    Their weight says which way is down.
     """
+    assembly, weight = system.blocks, system.stated.rigid_weight
+    moving = placed_motion(assembly, rows, ~system.load.fixed)
     total = np.zeros(3) if weight is None else weight[:, :3].sum(axis=0)
     down = bool(total[2] < 0.0 and np.abs(total[:2]).max() <= 1e-6 * -total[2])
     sizes, arms = np.zeros(len(moving)), np.zeros(len(moving))

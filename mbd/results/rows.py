@@ -14,7 +14,7 @@ from geometry.parts.measures import JointResultants, Measures, first_largest
 from geometry.parts.placed import AnyBlocks
 from geometry.parts.rows import Row, grouped, number
 from geometry.polyhedra.options import CROSSING_EDGES, STANDING_CORNER
-from mbd.results.result import RigidResult
+from mbd.system import RigidSystem
 
 if TYPE_CHECKING:
     from geometry.polyhedra.assembly import PolyhedralAssembly
@@ -29,7 +29,7 @@ _NOISE = 1e-9
 
 def rigid_rows(answer: Answer) -> list[Row]:
     """Rows of a rigid answer but those of its parts."""
-    result: RigidResult = answer.details
+    result: RigidSystem = answer.details
     solids, shown = not isinstance(result.blocks, Assembly), list[Row]()
     if answer.measures:
         shown = _force_rows(answer.measures, result.blocks)
@@ -49,11 +49,11 @@ def rigid_rows(answer: Answer) -> list[Row]:
     )
 
 
-def _verdict_rows(result: RigidResult) -> list[Row]:
+def _verdict_rows(result: RigidSystem) -> list[Row]:
     """Whether the load is carried, and by which forces."""
     locked = ": no motion is free, whatever the load" if result.words == "locked" else ""
     rows, balance = [Row("verdict", result.words + locked)], result.equilibrium
-    if result.friction is None:
+    if result.coulomb is None:
         rows.append(Row("in equilibrium", balance.status, balance.residual))
     if result.holds and not result.of_load:
         words = "of one state that balances; whether the load brings it about is not proved"
@@ -110,7 +110,7 @@ def _joint_rows(joints: JointResultants, blocks: AnyBlocks) -> list[Row]:
     return rows
 
 
-def _class_rows(result: RigidResult) -> list[Row]:
+def _class_rows(result: RigidSystem) -> list[Row]:
     """The paper's class, without friction, and its means over facets and blocks."""
     rows = [Row("class of the paper (no friction)", result.mechanism.words)]
     if result.supported_classification is not result.classification:
@@ -118,7 +118,7 @@ def _class_rows(result: RigidResult) -> list[Row]:
         words = f"{result.supported_classification.mechanism.words} (supports of this load)"
         rows.append(Row(rows[0].title, words))
     if isinstance(result.blocks, Assembly) and result.measures is not None:
-        rows += _paper_rows(result.measures, result.norm)
+        rows += _paper_rows(result.measures, result.method.norm)
     return rows
 
 
@@ -139,10 +139,10 @@ def _paper_rows(found: Measures, norm: str) -> list[Row]:
 
 def _evidence_rows(answer: Answer) -> list[Row]:
     """Proof of the class without friction, the balance of every block, how forces were chosen."""
-    result: RigidResult = answer.details
+    result: RigidSystem = answer.details
     rows = [Row("proof", result.classification.proof)]
-    if result.friction is not None:
-        found, proof = result.friction.equilibrium, ""
+    if result.coulomb is not None:
+        found, proof = result.deciding, ""
         if found.mechanism is not None:
             proof = f"; fᵀd/‖f‖ = {found.work:.3g}, least contact work "
             proof += f"{found.smallest_contact_work:.1e}"
@@ -150,20 +150,20 @@ def _evidence_rows(answer: Answer) -> list[Row]:
         rows = [Row("proof", found.status + proof, found.residual), *rows]
     if not answer.measures:
         return rows
-    words = f'minimum-norm contact forces (norm = "{result.norm}")'
+    words = f'minimum-norm contact forces (norm = "{result.method.norm}")'
     if result.equilibrium.iterations:
         words += f", {result.equilibrium.iterations} iterations"
     bars = Row("error bars", _NO_BARS)
     return [*rows, *balance_rows(answer.report), bars, Row("solution", words)]
 
 
-def _mesh_rows(result: RigidResult) -> list[Row]:
+def _mesh_rows(result: RigidSystem) -> list[Row]:
     """Blocks with hexahedra: their number, and that of their contacts."""
     words = f"{result.n_blocks} free blocks, {result.n_contacts} contact facet pairs"
     return [Row("model", words)]
 
 
-def _solid_rows(result: RigidResult) -> list[Row]:
+def _solid_rows(result: RigidSystem) -> list[Row]:
     """Solids: their number, points and patches of contact."""
     solids = cast("PolyhedralAssembly", result.blocks)
     patches, kinds = solids.interfaces.patches, result.bare_contacts

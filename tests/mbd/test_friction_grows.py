@@ -12,7 +12,7 @@ import pytest
 from fem import Problem, concrete
 from geometry import Assembly, convex_polyhedron
 from mbd import analyse
-from mbd.results.result import EdgesAndCorners
+from mbd.results.parts import EdgesAndCorners
 from tests.support.commands import command
 from tests.support.rubbing import KINDS, balances, drawn, less_with_more
 

@@ -15,11 +15,11 @@ from geometry.families.masonry import RunningBondWall
 from geometry.families.sine_block import SineBlockDivisions
 from geometry.families.tube import SineTube
 from geometry.loads import LoadCase, named_load
-from mbd import MechanismClass, RigidResult, analyse, contact_jacobian
+from mbd import MechanismClass, RigidSystem, analyse, contact_jacobian
 from mbd.contacts.jacobian import contact_wrenches
 from mbd.equilibrium import newton_equilibrium
 from mbd.mechanism import Mechanism, SelfStress, classify
-from mbd.results.motion import placed_motion
+from mbd.system import placed_motion
 from tests.support.blocks import random_rotation, tsb
 from tests.support.linear_programs import solve_linear_programs
 from tests.support.matrix_jacobian import as_jacobian
@@ -189,7 +189,7 @@ def scaled(tube_scale: float) -> Assembly:
     return SineTube(parameters, SineBlockDivisions(24, 3, 6), 3).build()
 
 
-def numbers(result: RigidResult) -> np.ndarray:
+def numbers(result: RigidSystem) -> np.ndarray:
     assert result.measures is not None
     return np.array(dataclasses.astuple(result.measures))
 

@@ -145,7 +145,7 @@ def test_a_foot_that_narrows_to_the_back_tips_about_its_slanted_side(
     dead[:, 2], live[:, 0] = -assembly.volumes, assembly.volumes
     aside = LoadCase(assembly, "aside", (), assembly.fixed, body_wrenches=live)
     stated = Stated(assembly, aside, dead, CoulombFriction(3.0))
-    found = analyse(stated, Rigid(sliding=True, collapse=True)).details.parts
+    found = analyse(stated, Rigid(sliding=True, collapse=True)).parts
     side = 100.0 + (back[1] - 100.0) * middle[1] / 100.0
     assert found["sliding"].certified
     assert found["sliding"].factor == pytest.approx((side - middle[0]) / middle[2], rel=1e-6)

@@ -15,7 +15,7 @@ from geometry.mesh import FloatArray, IntArray
 from geometry.polyhedra.assembly import PolyhedralAssembly, polyhedral_assembly
 from geometry.polyhedra.polyhedron import polyhedron
 from mbd import MechanismClass, analyse
-from mbd.results.result import Verdict
+from mbd.system import Verdict
 from tests.support.drawn_blocks import Drawn, abeille, arch, cuboid, triangles_of
 
 pytestmark = pytest.mark.quick
@@ -73,7 +73,7 @@ def _answers(assembly: PolyhedralAssembly) -> tuple[FloatArray, Verdict, Verdict
     return (
         rows[np.lexsort(np.round(rows + 1.234e-4, 3).T)],
         result.verdict,
-        result.verdict if result.edges_and_corners is None else result.edges_and_corners.both,
+        (result.with_edges or result).verdict,
         result.contact_forces[np.lexsort(np.round(rows[index] + 1.234e-4, 3).T)],
     )
 

@@ -100,8 +100,7 @@ def drawn(kind: str, rng: np.random.Generator) -> Problem:
 def balances(problem: Problem, friction: float) -> list[bool | None]:
     """Whether forces balance the load by faces, and with edges and corners; None: not decided."""
     result = analyse(replace(problem, friction=friction)).details
-    other = result.edges_and_corners
-    return [result.verdict.holds, (result.verdict if other is None else other.both).holds]
+    return [each.verdict.holds for each in (result, result.with_edges or result)]
 
 
 def less_with_more(

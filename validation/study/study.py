@@ -102,13 +102,13 @@ def rigid_results(case: Case) -> dict[str, Any]:
     method = case.method if isinstance(case.method, Rigid) else case.with_method("rigid").method
     idle: dict[str, Any] = dict.fromkeys(NO_COLUMN, False)
     answer = repeatable(solve(replace(case, method=replace(method, **idle))))
-    result, friction = answer.details, answer.details.friction
+    result = answer.details
     # With friction the forces and the verdict are those with it: a load that is carried if joints
     # were pressed beforehand is not in equilibrium by itself, as far as is known.
     row: dict[str, Any] = {
         "mechanism": str(result.mechanism),
         "equilibrium": int(result.of_load),
-        "residual": (result if friction is None else friction).equilibrium.residual,
+        "residual": result.deciding.residual,
         "n_blocks": result.n_blocks,
         "n_contacts": result.n_contacts,
         "iterations": result.equilibrium.iterations,

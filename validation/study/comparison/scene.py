@@ -78,7 +78,5 @@ def _methods(
 def _carried(answer: Answer) -> Answer:
     """Reject rigid blocks that do not carry the load."""
     if answer.method == "rigid" and not answer.details.holds:
-        friction = answer.details.friction
-        balance = (answer.details if friction is None else friction).equilibrium
-        raise InputError(f"{answer.case.name}: {balance.status}")
+        raise InputError(f"{answer.case.name}: {answer.details.deciding.status}")
     return answer
