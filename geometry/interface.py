@@ -21,7 +21,6 @@ from geometry.parts.placed import AnyBlocks, AssemblyError, PlacedBlocks
 if TYPE_CHECKING:
     from scipy.spatial import cKDTree
 
-    from geometry.assembly import Assembly
     from geometry.polyhedra.polyhedron import Polyhedron
 
 
@@ -335,7 +334,7 @@ def _spread(first: IntArray, end: IntArray) -> tuple[IntArray, IntArray]:
 _SAME = 1e-9
 
 
-def check_mesh_overlaps(assembly: Assembly, tolerance: float) -> None:
+def check_mesh_overlaps(assembly: PlacedBlocks[Block], tolerance: float) -> None:
     """Reject blocks that lie deeper in each other than a tolerance [mm].
 
     Corners and middles of facets and of elements are looked at. Pairs of equal shapes in equal
@@ -372,7 +371,7 @@ def check_mesh_overlaps(assembly: Assembly, tolerance: float) -> None:
         )
 
 
-def _ends(assembly: Assembly) -> Iterator[FloatArray]:
+def _ends(assembly: PlacedBlocks[Block]) -> Iterator[FloatArray]:
     """Nodes of each block on its surface, (n, 3) [mm]."""
     for block in range(assembly.n_blocks):
         shape = assembly.shape(block)
