@@ -89,7 +89,10 @@ def answer_of(
     whole = state.whole
     of_body = np.array([body.material.density for body in whole.bodies])
     densities = np.where(whole.body_number < 0, 0.0, of_body[whole.body_number])
-    built = Built(lambda: dimensions(blocks, densities, closed_area=_closed_area(state)))
+    matching = problem is None or not problem.unmatched
+    built = Built(
+        lambda: dimensions(blocks, densities, closed_area=_closed_area(state, matching=matching))
+    )
     return Answer(
         title=_title(state),
         method=state.method,
@@ -234,11 +237,11 @@ def assumptions(state: State) -> list[str]:
     return words
 
 
-def _closed_area(state: State) -> float | None:
-    """Area of the points that press at the end [mm²]; None where facets match."""
+def _closed_area(state: State, *, matching: bool) -> float | None:
+    """Area of the points that press at the end [mm²]; None where all facets match."""
     result = state.whole
     searched = result.meets and result.contact.finite_sliding
-    if not searched or result.assembly.interfaces.areas.size:
+    if not searched or (matching and result.assembly.interfaces.areas.size):
         return None
     found = state.contact_state
     return float(found.point_areas[found.point_pressures > 0.0].sum())
