@@ -20,12 +20,16 @@ import mbd
 import validation
 from geometry import RefusedError
 from tests.support.commands import command
+from tests.support.cubes_deck import CUBES, changed
 
 pytestmark = pytest.mark.quick
 
 ROWS = tomllib.loads((Path(__file__).parents[1] / "refusals.toml").read_text("utf-8"))
 #: Files of the folder in which commands are typed, and expressions of Python.
 FILES, PYTHON = ROWS.pop("files"), ROWS.pop("python")
+#: Changes of decks, by their files.
+DECKS: dict[str, dict[str, str]] = ROWS.pop("lines-of-decks")
+DIALECTS = {"cubes.inp": "calculix", "in-time.inp": "abaqus"}
 REFUSALS: dict[str, str] = {words: line for rows in ROWS.values() for words, line in rows.items()}
 
 
@@ -64,6 +68,18 @@ def test_bad_input_gets_the_line_of_the_table(folder: Path, words: str) -> None:
     with contextlib.chdir(folder):
         assert command(*typed(words)) == (2, "", f"error: {REFUSALS[words]}\n")
     assert contents(folder) == before
+
+
+@pytest.mark.parametrize(("name", "change"), [(n, c) for n, rows in DECKS.items() for c in rows])
+def test_a_deck_gets_the_line_of_the_table(tmp_path: Path, name: str, change: str) -> None:
+    lines = FILES[name].splitlines() if name in FILES else CUBES
+    for one in change.split(" && "):
+        old, new = one.split(" => ")
+        lines = changed(old, new, lines)
+    (tmp_path / name).write_text("\n".join([*lines, ""]), "utf-8")
+    with contextlib.chdir(tmp_path):
+        found = command("deck", name, "--dialect", DIALECTS[name])
+    assert found == (2, "", f"error: {name}: {DECKS[name][change]}\n")
 
 
 class Names(dict[str, Any]):

@@ -111,7 +111,9 @@ class Blocks:
             raise card.wrong(repr(text), f"a set of {what} that is defined", line)
         acts = self.each_once and card.keyword in {"CLOAD", "DLOAD", "SURFACE"}
         if acts and len(set(result)) < len(result):
-            raise card.wrong(f"{text} with a member twice, loaded twice,", "each once", line)
+            raise card.wrong(
+                f"{text} with a member twice, which is loaded twice", "each once", line
+            )
         return result
 
     def _of_instance(self, entry: str, *, nodes: bool) -> list[Member]:
@@ -239,7 +241,7 @@ class Blocks:
                 raise stated.wrong("no side, which CalculiX needs", "S1 to S6", number)
             for block, rows in self.facets(stated, number, members, side).items():
                 if self.each_once and np.isin(rows, result.get(block, [])).any():
-                    raise stated.wrong("a side twice, loaded twice,", "it once", number)
+                    raise stated.wrong("a side twice, which is loaded twice", "it once", number)
                 result[block] = np.union1d(result.get(block, rows), rows)
         if not result:
             raise stated.wrong("no facets", "sides of elements")
