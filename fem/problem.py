@@ -29,7 +29,7 @@ from fem.element.material import (
     each_material,
     one_strength,
 )
-from geometry.assembly import Assembly, spacing_offsets
+from geometry.assembly import Assembly, check_mesh_overlaps, spacing_offsets
 from geometry.block import Block
 from geometry.errors import RefusedError, is_number
 from geometry.loads import Load, LoadCase, PressureLoad
@@ -302,7 +302,6 @@ class Problem:
             check_contacts(blocks, _supported(load))
             return
         from fem.system.build import check_held
-        from geometry.interface import check_mesh_overlaps
 
         for shape in blocks.shapes:
             if shape.charts is None:  # those of families are checked when they are made

@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from geometry.assembly import Assembly
+from geometry.assembly import Assembly, check_mesh_overlaps
 from geometry.families.boxes import ColumnBox, box_column
-from geometry.interface import check_mesh_overlaps
 from geometry.parts.placed import AssemblyError
 
 pytestmark = pytest.mark.quick
