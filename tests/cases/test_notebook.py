@@ -12,13 +12,13 @@ import pytest
 from PIL import Image
 from threadpoolctl import threadpool_info, threadpool_limits
 
-from fem import Explicit, Problem, Static, concrete, solve_explicit, solve_static
+from fem import Explicit, Problem, concrete, solve_explicit, solve_static
 from geometry import Answer, SineBlock, pipe, tube
 from mbd import Rigid, analyse
 from tests.fixtures.commands import small_meshes
 from tests.support.answers import PLAIN
 from tests.support.coarse_tubes import keys
-from validation import compare, cost, load_case, plot, read_answer, sweep, write
+from validation import compare, load_case, plot, read_answer, sweep, write
 
 COARSE = keys(2, 2)
 SETTINGS = [word for key, value in COARSE.items() for word in ("--set", f"{key}={value}")]
@@ -42,16 +42,6 @@ def answers(problem) -> tuple[Answer, Answer, Answer]:
 def refined(problem) -> Answer:
     with small_meshes():
         return solve_static(problem)
-
-
-def test_a_scene_and_its_parameters_are_one_problem(answers) -> None:
-    block = SineBlock(
-        height=200, amplitude=20, frequency=1.5, blocks_per_layer=4, inner_radius=120, thickness=40
-    )
-    stated = Problem(tube(block, layers=1, mesh=(12, 2, 2)), pipe(0.01), concrete)
-    again = solve_static(stated, PLAIN)
-    for name, measure in answers[1].measures.items():
-        assert again[name].value == measure.value
 
 
 def test_numbers_of_the_rigid_command_are_those_of_the_answer(answers, tubelock) -> None:
@@ -78,24 +68,6 @@ def test_numbers_of_the_fem_command_are_those_of_the_answer(answers, tubelock) -
     printed, static = json.loads(Path("fem.json").read_text("utf-8")), answers[1].as_dict()
     assert printed["measures"] == static["measures"]
     same(printed, static)
-
-
-@pytest.mark.parametrize("requested", [(), ("--accuracy", "u=50%")], ids=str)
-@pytest.mark.usefixtures("small_meshes")
-def test_numbers_of_a_refined_command_are_those_of_the_call(
-    problem,
-    refined,
-    tubelock,
-    requested: tuple[str, ...],
-) -> None:
-    status, _, err = tubelock("fem", "tsb1-pipe", *SETTINGS, *requested, "--json", "fem.json")
-    assert not status, err
-    printed = json.loads(Path("fem.json").read_text("utf-8"))
-    static = (
-        solve_static(problem, Static(accuracy={"u": 0.5})) if requested else refined
-    ).as_dict()
-    assert printed["measures"] == static["measures"]
-    assert printed["accuracy"] == static["accuracy"]
 
 
 @pytest.mark.usefixtures("small_meshes")
@@ -218,14 +190,6 @@ def test_a_function_that_makes_problems_is_swept_as_a_scene_is() -> None:
     assert failed["status"] == "failed"
     with pytest.raises(ValueError, match="expected method"):
         sweep(made, {"amplitude": values})
-
-
-def test_cost_is_a_function_beside_its_package() -> None:
-
-    assert callable(cost)
-    assert callable(compare)
-    with pytest.raises(ValueError, match="whose blocks meet"):
-        cost("cantilever", quick=True)
 
 
 @pytest.mark.parametrize("threads", [1, 2, 16])

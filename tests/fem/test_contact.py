@@ -5,16 +5,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fem import ExponentialLaw, Frames, LinearPenalty, Material
+from fem import ExponentialLaw, Frames, Material
 from fem.contact.normals import ContactNormals
 from fem.contact.surfaces import (
-    ContactError,
     contact_surfaces,
     corner_overclosures,
     facet_pressures,
     motion_derivatives,
 )
-from fem.system.build import DeformableAssemblyError, block_load_forces
+from fem.system.build import block_load_forces
 from geometry.assembly import moved, spacing_offsets
 from geometry.families.boxes import BrickStack
 from geometry.loads import named_load
@@ -183,31 +182,6 @@ def test_groups_follow_the_frames():
     assert supported.tolist() == np.flatnonzero(tube.fixed).tolist()
     # Frame blocks meet each other: those facets are there only when they deform.
     assert held.surfaces.n_facets > rigid.surfaces.n_facets
-
-
-def test_too_deep_a_start_is_refused_with_place_and_depth():
-    tube = small_tube()
-    load = named_load("pipe", 0.01).on(tube)
-    with pytest.raises(ContactError, match=r"deepest 0\.0.* mm between blocks"):
-        deformable_assembly(tube, load, CONCRETE, clearance=-0.05)
-    with pytest.raises(ContactError, match="overlap"):
-        deformable_assembly(tube, load, CONCRETE, law=LinearPenalty(1e3), spacing=-0.05)
-    # A start within the law's range is an interference fit, not an error; a linear law has no end
-    # for one that is stated.
-    deformable_assembly(tube, load, CONCRETE, clearance=-0.001)
-    deformable_assembly(tube, load, CONCRETE, law=LinearPenalty(1e3), clearance=-0.05)
-
-
-def test_blocks_nothing_holds_are_named():
-    wall = BrickStack((20.0, 10.0, 10.0), (2, 1, 1), columns=2, layers=1).build()
-    away = wall.translations.copy()
-    away[[0, 2, 4], 0] -= 5.0
-    fixed = wall.fixed.copy()
-    fixed[[0, 4]] = False
-    apart = replace(wall, translations=away, fixed=fixed, unmatched_allowed=True)
-    load = named_load("pipe", 0.01).on(apart)
-    with pytest.raises(DeformableAssemblyError, match=r"3 blocks are unrestrained \(0, 2, 4\)"):
-        deformable_assembly(apart, load, CONCRETE)
 
 
 def test_moving_the_tube_moves_the_surfaces():

@@ -113,13 +113,6 @@ def test_arrays_of_public_objects_are_read_only(name, problem, static) -> None:
         assert not list(_writable(copied, name, set()))
 
 
-def test_arrays_cannot_be_changed(static) -> None:
-    arrays = (static.fields["mises"], static.contacts["pressure"], static.points, static.cells)
-    for array in arrays:
-        with pytest.raises(ValueError, match="read-only"):
-            array[0] = 0
-
-
 def test_von_mises_is_that_of_the_stress(static) -> None:
     """√(3/2 s:s) of the deviator s, from the six components: rounding alone."""
     stress = static.fields["stress"]
@@ -262,14 +255,6 @@ def test_measures_over_the_facets_of_another_mesh(problem, static) -> None:
     assert answer["p_max"].error is None
     assert np.array_equal(answer.contacts["pressure"], static.contacts["pressure"])
     assert np.array_equal(answer.contacts["side"], static.contacts["side"])
-
-
-def test_damping_is_a_matter_of_the_run(problem) -> None:
-    paper = Explicit(damping="paper", end_time=1e-5, ramp_time=0.0)
-    short = solve_explicit(problem, paper)
-    free = solve_explicit(problem, Explicit(damping="none", end_time=1e-5, ramp_time=0.0))
-    moved = [answer.fields["displacement"] for answer in (short, free)]
-    assert not np.array_equal(*moved)
 
 
 @pytest.mark.parametrize("load", [pipe, tunnel, pillar, beam, shaft])

@@ -8,7 +8,6 @@ from functools import partial
 
 import numpy as np
 import pytest
-import scipy.sparse as sp
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -182,28 +181,6 @@ def test_contact_and_load_wrenches_balance_on_every_block(
         assert np.abs(moment).max() < 1e-9 * scale * small_tube.characteristic_length
 
 
-def test_pair_jacobian_equals_its_matrix(small_tube: Assembly) -> None:
-    contacts = contact_jacobian(small_tube)
-    fast, plain = contacts.jacobian, contacts.jacobian.to_matrix()
-    rng = np.random.default_rng(0)
-    y, forces = rng.standard_normal(fast.shape[0]), rng.uniform(0, 1, fast.shape[1])
-    scale = np.sqrt(fast.shape[1])
-    np.testing.assert_allclose(fast.gap_rates(y), plain.T @ y, atol=1e-13 * scale)
-    np.testing.assert_allclose(fast.resultant(forces), plain @ forces, atol=1e-13 * scale)
-    solve = fast.normal_solver(forces, 0.1)
-    normal = (plain * forces) @ plain.T + 0.1 * sp.eye_array(fast.shape[0])
-    np.testing.assert_allclose(normal @ solve(y), y, atol=1e-10 * np.abs(y).max())
-    motions = rng.standard_normal((fast.shape[0], 3))
-    rates, few = plain.T @ motions, fast.condensed_rates(motions)
-    assert len(few) < fast.shape[1] / 4
-    np.testing.assert_allclose(few.T @ few, rates.T @ rates, rtol=1e-12)
-    rows = plain.tocsr()
-    for block in range(fast.n_free):
-        own = rows[6 * block : 6 * block + 6]
-        touching = own[:, np.unique(own.indices)].toarray()
-        np.testing.assert_allclose(fast.wrenches_on(block), touching, atol=1e-14)
-
-
 def test_forces_on_blocks_do_not_depend_on_how_many_facets_are_placed_at_once(
     small_tube: Assembly, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -232,29 +209,6 @@ def test_forces_on_blocks_do_not_depend_on_how_many_facets_are_placed_at_once(
     np.testing.assert_allclose(small.shear_force, joints.shear_force, atol=1e-12 * size)
     moment = size * small_tube.characteristic_length
     np.testing.assert_allclose(small.moments, joints.moments, atol=1e-12 * moment)
-
-
-def test_gap_rates_are_the_derivative_of_the_gap(small_tube: Assembly) -> None:
-    # Move one block by a small rigid motion and measure the normal gap; first-order error is
-    # the square of the motion.
-    contacts = contact_jacobian(small_tube)
-    found, step = small_tube.interfaces, 1e-6
-    motion = np.random.default_rng(5).standard_normal((len(contacts.free_blocks), 6))
-    translation = motion[:, :3]
-    spin = motion[:, 3:] / contacts.length
-    point = found.centroids[contacts.index]
-    displacement = np.zeros((2, len(point), 3))
-    for side, owner in enumerate((contacts.block_m, contacts.block_s)):
-        for row, block in enumerate(contacts.free_blocks):
-            mine = owner == block
-            arm = point[mine] - small_tube.centroids[block]
-            displacement[side, mine] = translation[row] + np.cross(spin[row], arm)
-    opening = np.einsum(
-        "ci,ci->c", found.normals[contacts.index], step * (displacement[1] - displacement[0])
-    )
-    np.testing.assert_allclose(
-        contacts.jacobian.gap_rates(motion.ravel()), opening / step, atol=1e-9
-    )
 
 
 # ---------------------------------------------------------------------------------------------
@@ -439,6 +393,14 @@ def test_congruent_pairs_give_the_jacobian_of_each_contact(kind: str) -> None:
     solution = jacobian.normal_solver(weights, 1e-2)(motion)
     normal = matrix @ np.diag(weights) @ matrix.T + 1e-2 * np.eye(len(matrix))
     np.testing.assert_allclose(normal @ solution, motion, atol=1e-10 * np.abs(solution).max())
+    motions = rng.standard_normal((len(matrix), 3))
+    rates, few = matrix.T @ motions, jacobian.condensed_rates(motions)
+    assert len(few) < matrix.shape[1]
+    np.testing.assert_allclose(few.T @ few, rates.T @ rates, rtol=1e-12)
+    for block in range(jacobian.n_free):
+        own = matrix[6 * block : 6 * block + 6]
+        touching = own[:, np.abs(own).sum(axis=0) > 0.0]
+        np.testing.assert_allclose(jacobian.wrenches_on(block), touching, atol=1e-13)
 
 
 def test_load_cases_share_the_jacobian_of_their_blocks_alone(
