@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, fields, replace
 from functools import cached_property
@@ -18,9 +18,10 @@ from validation.scene.deformable import METHODS
 from validation.scene.family import RoundScene
 from validation.scene.keys.idle import KeyUse
 from validation.scene.keys.quantities import Number, numbers_in, unit_of_key
-from validation.scene.keys.toml_text import flat, toml_value
+from validation.scene.keys.toml_text import flat
 from validation.scene.read import (
     DeformableScene,
+    Settings,
     apply_overrides,
     check_scene,
     require_plausible,
@@ -40,8 +41,6 @@ if TYPE_CHECKING:
 
 #: How blocks are answered.
 Method: TypeAlias = Rigid | Static | Explicit
-#: Values by key, such as ``{"assembly.layers": 2}``, or words such as ``assembly.layers=2``.
-Settings: TypeAlias = Mapping[str, Any] | Sequence[str]
 
 
 @dataclass(frozen=True)
@@ -171,10 +170,6 @@ class Case:
         """How it is solved in time: of a static one the effects of explicit runs that it states."""
         return self.scene.in_time
 
-    def straightened(self, blocks: Assembly) -> bool:
-        """Whether the file of its blocks has nodes that elements of degree 1 leave out."""
-        return self.scene.straightened(blocks)
-
     @property
     def file_blocks(self) -> FileBlocks | None:
         """Blocks of its files, those that cannot be analysed too; None: it has no files."""
@@ -203,13 +198,6 @@ class Case:
     def element_counts(self) -> dict[str, Any]:
         """Values of ``[mesh]`` that count elements; none where every block has its own mesh."""
         return self.scene.element_counts
-
-    def coarse_mesh(self, wave: int, through: int, other: int) -> dict[str, Any]:
-        """Values of ``[mesh]`` that are lower with at most so many elements.
-
-        Along a wave of the joints or an edge, through the thickness, in the direction that is left.
-        """
-        return self.scene.coarse_mesh(wave, through, other)
 
     @property
     def values(self) -> dict[str, Any]:
@@ -254,29 +242,14 @@ class Case:
         return (*(() if self.file is None else (self.file,)), *(Path(p.file) for p in parts))
 
     def changed(self, settings: Settings) -> Case:
-        """Return the case with other values, by the keys of its scene.
+        """Return the case with other values, by the keys of its scene; None leaves a key out.
 
         Raises
         ------
         InputError
             A key or a value that the scene does not have.
         """
-        scene = check_scene(apply_overrides(self.keys, settings_words(settings)), self.name)
-        return self.stating(scene)
-
-    def varied(self, values: Mapping[str, Any]) -> Case:
-        """Return the case with other values by key, None and whole sections among them.
-
-        Raises
-        ------
-        InputError
-            As `changed`.
-        """
-        try:
-            scene = self.scene.changed(values)
-        except InputError as error:
-            raise InputError(f"{self.name}: {error}") from None
-        return self.stating(scene)
+        return self.stating(check_scene(apply_overrides(self.keys, settings), self.name))
 
     def combined(self, name: str) -> Case:
         """Return the case with the loads of one of its combinations."""
@@ -356,20 +329,12 @@ def load_case(
     else:
         text, path = str(source), Path(source)
         name, data = scene_data(text)
-    words = settings_words(settings)
     if isinstance(method, str) and method in METHODS:  # whose keys the settings may state
-        words = [f'fem.method="{method}"', *words]
-    scene = check_scene(apply_overrides(data, words), text).located(path.parent)
+        data = apply_overrides(data, {"fem.method": method})
+    scene = check_scene(apply_overrides(data, settings), text).located(path.parent)
     own = path if path.is_file() else None
     case = Case(None, scene.method, name, scene, own)
     return case if method is None else case.with_method(method)
-
-
-def settings_words(settings: Settings) -> list[str]:
-    """Settings as the command line has them."""
-    if not isinstance(settings, Mapping):
-        return list(settings)
-    return [f"{key}={toml_value(value)}" for key, value in settings.items()]
 
 
 def solve(

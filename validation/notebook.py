@@ -7,8 +7,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
-from validation.case import Case, Method, Settings, load_case, settings_words
+from validation.case import Case, Method, load_case
 from validation.errors import InputError
+from validation.scene.read import Settings
 
 if TYPE_CHECKING:
     import numpy.typing as npt
@@ -299,7 +300,7 @@ def sweep(
     if callable(case):
         study = _study_of_function(case, parameters or {}, method, store, workers)
     elif parameters is None:
-        study = load_study(str(case), settings_words(settings))
+        study = load_study(str(case), settings)
     else:
         study = _study_of_scene(case, parameters, settings, quantity, accuracy)
     with store_or_none(store) as path:
@@ -360,7 +361,7 @@ def _study_of_scene(
     }
     if accuracy is not None:
         data["accuracy"] = accuracy
-    return check_study(data, "sweep", None, settings_words(settings))
+    return check_study(data, "sweep", None, settings)
 
 
 def _listed(values: Any) -> Any:

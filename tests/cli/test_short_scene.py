@@ -15,6 +15,7 @@ from validation import InputError, load_case
 from validation.scene.builtin import stands_for_builtin
 from validation.scene.families.sine import TubeScene
 from validation.scene.keys.schema import scene_schema
+from validation.scene.keys.toml_text import flat
 from validation.scene.read import check_scene
 
 README = (Path(__file__).parents[2] / "README.md").read_text("utf-8")
@@ -174,6 +175,19 @@ def test_settings_of_friction_replace_it_in_both_spellings(scene: str) -> None:
             assert case.changed({name: 0.7}).scene.effects.friction.coefficient == 0.7
     case = load_case(scene, ["effects.friction=0.4", "effects.friction.stick_stiffness=50.0"])
     assert case.scene.effects.friction.coefficient == 0.4
+
+
+@pytest.mark.parametrize(
+    "words", ["material=steel", "mesh.around=12", "effects.gravity=[0, 0, -9810]"]
+)
+def test_settings_state_what_a_changed_case_states(words: str) -> None:
+    """By words and by keys, when a scene is read and afterwards; None leaves the key out again."""
+    plain, key = load_case("tsb1-pipe"), words.partition("=")[0]
+    read = load_case("tsb1-pipe", [words])
+    value = dict(flat(read.keys)).get(key, "steel")
+    assert plain.changed({key: value}) == plain.changed([words]) == read != plain
+    if key == "effects.gravity":
+        assert read.changed({key: None}).values == plain.values
 
 
 @pytest.mark.quick

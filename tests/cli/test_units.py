@@ -90,7 +90,7 @@ def test_slips_of_units_are_named_and_can_be_meant(scene: str, change: str, word
     assert "\n" not in message
     key, _, text = change.partition("=")
     with pytest.raises(InputError) as varied:  # as studies vary it
-        load_case(scene).varied({key: tomllib.loads(f"value = {text}")["value"]})
+        load_case(scene).changed({key: tomllib.loads(f"value = {text}")["value"]})
     assert str(varied.value) == message
     # What the message says makes the scene pass: for all that looks wrong, one after the other.
     accepted: list[str] = []

@@ -187,7 +187,7 @@ def test_no_bar_is_promised_below_what_left_out_effects_change(
     auto: float | None, share: float
 ) -> None:
     targets = {"max_displacement": 0.9, "p_eff": share}
-    case = with_auto(auto).varied({"fem.accuracy": targets})
+    case = with_auto(auto).changed({"fem.accuracy": targets})
     if auto is None or auto <= share:
         require_wider(case)
         return

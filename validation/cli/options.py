@@ -168,7 +168,7 @@ def with_auto(case: Case, tolerance: str | None, keep: Iterable[str] = ()) -> Ca
         raise InputError(f"--keep {unknown[0]}: expected one of {', '.join(EffectName)}")
     if tolerance is None:
         return case
-    return case.varied({"effects.auto": stated_share("--auto", tolerance)})
+    return case.changed({"effects.auto": stated_share("--auto", tolerance)})
 
 
 def decided(

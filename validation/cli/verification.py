@@ -82,7 +82,7 @@ def effects(
     with scene_outputs(file, json, output, names) as outputs:
         rows = None if outputs.folder is None else outputs.path(names[1])
         with following(file.name) as follow, store_or_none(rows) as store:
-            plain = file.varied({"effects.auto": None})
+            plain = file.changed({"effects.auto": None})
             costs = study.effect_costs(plain, store, tolerance=bound, told=follow)
         outputs.console.print(study.effects_table(costs))
         outputs.write("picture", names[0], lambda path: study.draw_effects(costs, path))

@@ -407,7 +407,7 @@ def build_deck(case: Case, flavour: Flavour | None = None) -> Deck:
         if case.meets and not problem.finite_rotation:
             problem = replace(problem, finite_rotation=True, check_blocks=False)
             notes.append("large rotations: nlgeom=YES, though effects.finite_rotation is off")
-    if case.straightened(problem.blocks):
+    if case.scene.straightened(problem.blocks):
         notes.append(f"edges: {STRAIGHT_EDGES}")
     notes += _step_notes(case, flavour, run, moves=problem.motion is not None)
     with named(case.name):

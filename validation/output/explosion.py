@@ -22,6 +22,7 @@ from mbd import MechanismClass, contact_jacobian
 from mbd.equilibrium import Equilibrium, newton_equilibrium
 from mbd.mechanism import classify
 from validation.case import Case
+from validation.scene.keys.toml_text import flat
 
 #: Displacements looked at, in wall thicknesses.
 STEPS = (0.001, 0.003, 0.01, 0.03, 0.1, 0.25, 0.5, 0.75, 1.0)
@@ -241,7 +242,8 @@ def _surfaces(case: Case) -> dict[str, Any]:
     Layers repeat with period two, so more of them show no other pair of neighbours.
     """
     layers = min(case.values["assembly.layers"], 3)
-    return {"mesh": case.coarse_mesh(12, 6, 8), "assembly.layers": layers}
+    mesh = case.scene.coarse_mesh(12, 6, 8)
+    return dict(flat({"mesh": mesh, "assembly.layers": layers}))
 
 
 def run_explosion(case: Case) -> Explosion:
@@ -254,7 +256,7 @@ def run_explosion(case: Case) -> Explosion:
     push = np.zeros((len(contacts.free_blocks), 6))
     push[:, :3] = directions[contacts.free_blocks]
     held = classify(contacts.jacobian, push.ravel()).mechanism
-    short = case.varied(_surfaces(case)).problem.blocks
+    short = case.changed(_surfaces(case)).problem.blocks
     surfaces, outward = as_polyhedral(short), outward_directions(short)
     thickness = case.values["block.thickness"]
     finite = follow_explosion(surfaces, outward, thickness * np.array(STEPS), TOLERANCE * thickness)

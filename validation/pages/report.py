@@ -170,7 +170,7 @@ def _side_by_side(known: Answer, tell: Tell) -> LoadTable:
     if case.combinations:
         cases = combination_cases(case)
     else:
-        under = {name: case.varied({"load.case": name}) for name in CASES}
+        under = {name: case.changed({"load.case": name}) for name in CASES}
         cases = {name: replace(one, name=f"{case.name}, {name}") for name, one in under.items()}
     kind, blocks = ("rigid", "rigid") if known.method == "rigid" else ("fem", "deformable")
     answers = {n: known.numbers_alone() for n, one in cases.items() if one.source == case.source}

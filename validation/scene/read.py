@@ -13,7 +13,7 @@ import json
 import math
 import re
 import tomllib
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, TypeAlias
 
@@ -35,6 +35,9 @@ _DECIMAL_COMMA = re.compile(r"^\s*\w+\s*=\s*([-+]?\d+,\d+)\s*(?:#.*)?$", re.MULT
 
 #: All scenes: their blocks can be rigid or deformable.
 DeformableScene: TypeAlias = AssemblyScene | PolyhedralScene
+
+#: Values by key, such as ``{"assembly.layers": 2}``, or words such as ``assembly.layers=2``.
+Settings: TypeAlias = Mapping[str, Any] | Sequence[str]
 
 #: Scene class by ``[block] type``.
 SCENE_TYPES: Mapping[str, type[DeformableScene]] = FAMILIES
@@ -78,27 +81,42 @@ def _value(text: str) -> Any:
         return text
 
 
-def apply_overrides(data: Mapping[str, Any], overrides: Iterable[str]) -> dict[str, Any]:
-    """Apply ``section.key=value`` assignments to a scene's data."""
-    result: dict[str, Any] = json.loads(json.dumps(data))
-    for override in overrides:
-        path, equals, text = override.partition("=")
-        keys = [key.strip().strip("'\"") for key in path.split(".")]
-        value = _value(text.strip())
-        whole_section = len(keys) == 1 and isinstance(value, dict | list)
-        if not equals or not all(keys) or (len(keys) < 2 and not whole_section):
+def assignments(settings: Settings) -> list[tuple[str, Any]]:
+    """Return ``section.key`` and value of each setting, as plain data."""
+    if isinstance(settings, Mapping):
+        plain = json.loads(json.dumps(list(settings.items()), default=_plain))
+        return [(str(place), value) for place, value in plain]
+    parts = [word.partition("=") for word in settings]
+    for path, equals, text in parts:
+        if not equals or not path.strip():
             raise InputError(
-                f"--set {override}: expected section.key=value, e.g. --set assembly.layers=4"
+                f"--set {path}{equals}{text}: expected section.key=value, e.g. "
+                "--set assembly.layers=4"
             )
+    return [(path, _value(text.strip())) for path, _, text in parts]
+
+
+def _plain(value: Any) -> Any:
+    """Arrays and numbers of numpy as lists and numbers, all else as text."""
+    return value.tolist() if hasattr(value, "tolist") else str(value)
+
+
+def apply_overrides(data: Mapping[str, Any], settings: Settings) -> dict[str, Any]:
+    """Return a scene's data with other values by ``section.key``; None leaves a key out."""
+    result: dict[str, Any] = json.loads(json.dumps(data))
+    for place, value in assignments(settings):
+        keys = [key.strip().strip("'\"") for key in place.split(".")]
         if keys[:2] == ["effects", "friction"] and len(keys) > 2:
             _open_friction(result.get("effects"))
         target = result
         for key in keys[:-1]:
             inner = target.setdefault(key, {})
             if not isinstance(inner, dict):
-                raise InputError(f"--set {override}: {key!r} is a value, not a section")
+                raise InputError(f"{place}: {key!r} is a value, not a section")
             target = inner
         target[keys[-1]] = value
+        if value is None:
+            del target[keys[-1]]
     _drop_keys_of_replaced_method(data.get("fem"), result.get("fem"))
     return result
 

@@ -23,6 +23,7 @@ from validation.output.console import Printed, listing
 from validation.output.files import processor
 from validation.output.pictures.gallery import save_figure, subplots, twos_and_fives, wrapped
 from validation.output.pictures.scales import BLUE, GREEN, ORANGE, VERMILION
+from validation.scene.keys.toml_text import flat
 from validation.study.run import answered
 from validation.study.study import CaseStudy
 
@@ -233,7 +234,7 @@ def coarsest_mesh(case: Case) -> dict[str, Any]:
     for effect, why in _REFUSED.items():
         if any(on for key, on in case.values.items() if key.startswith(f"effects.{effect}")):
             raise InputError(f"{name}: effects.{effect}: {why}; remove {effect}")
-    counts = case.element_counts | case.coarse_mesh(*_COARSEST)
+    counts = case.element_counts | case.scene.coarse_mesh(*_COARSEST)
     if not counts:
         raise InputError(
             f"{head}: the cost of accuracy is measured on nested meshes, and this scene gives a "
@@ -264,7 +265,7 @@ def cost_cases(case: Case, *, quick: bool = False) -> dict[str, Case]:
             key: level * n if isinstance(n, int) else tuple(level * k for k in n)
             for key, n in counts.items()
         }
-        return case.varied({"mesh": times})
+        return case.changed(dict(flat({"mesh": times})))
 
     methods: dict[str, Method | str] = {"rigid": "rigid", "static": static, "explicit": explicit}
     cases = {

@@ -16,7 +16,6 @@ Its designs are numbered; the last parameter varies fastest.
 from __future__ import annotations
 
 import difflib
-import json
 import math
 import tomllib
 from collections import Counter
@@ -33,8 +32,15 @@ from validation.case import Case
 from validation.errors import InputError
 from validation.scene.builtin import builtin_text, stands_for_builtin
 from validation.scene.deformable import parse_share
-from validation.scene.keys.toml_text import flat, is_range, toml_value
-from validation.scene.read import apply_overrides, check_scene, read_text, scene_data
+from validation.scene.keys.toml_text import flat, is_range
+from validation.scene.read import (
+    Settings,
+    apply_overrides,
+    assignments,
+    check_scene,
+    read_text,
+    scene_data,
+)
 from validation.study.study import (
     COLUMNS,
     NO_COLUMN,
@@ -82,7 +88,7 @@ class SceneStudy(Study):
         """Case of a design; its scene is checked once."""
         known = self._known.get(number)
         if known is None:
-            data = apply_overrides(self.scene, _assignments(self.design(number)))
+            data = apply_overrides(self.scene, self.design(number))
             scene, name = check_scene(data, self.name), f"{self.name}[{number}]"
             known = Case(None, scene.method, name, scene)
             if len(self._known) < _MOST_KNOWN:
@@ -164,7 +170,7 @@ class SceneStudy(Study):
 # Reading
 
 
-def load_study(source: str, overrides: Iterable[str] = ()) -> SceneStudy:
+def load_study(source: str, overrides: Settings = ()) -> SceneStudy:
     """Read and check a study: a TOML file or a built-in one.
 
     Overrides are ``section.key=value``, applied to the scene after ``[settings]``.
@@ -185,7 +191,7 @@ def check_study(
     data: Mapping[str, Any],
     name: str,
     folder: Path | None = None,
-    overrides: Iterable[str] = (),
+    overrides: Settings = (),
     *,
     own: tuple[Path, ...] = (),
 ) -> SceneStudy:
@@ -216,17 +222,17 @@ def check_study(
             'scene, e.g. "block.amplitude" = [10, 20]'
         )
     settings = dict(flat(data.get("settings", {})))
-    overrides = tuple(overrides)
-    _refuse_twice(name, parameters, {*settings, *(word.partition("=")[0] for word in overrides)})
+    given = (place for place, _ in assignments(overrides))
+    _refuse_twice(name, parameters, {*settings, *given})
     files = []
     if isinstance(scene, str):
         source = _scene_source(scene, folder)
         files, (_, scene) = [Path(source)], scene_data(source)
-    base = apply_overrides(scene, [*_assignments(settings), *overrides])
+    base = apply_overrides(apply_overrides(scene, settings), overrides)
     files += (Path(part["file"]) for part in base.get("parts", ()))
     if "accuracy" in data:
-        asked = toml_value(_accuracy(name, data["accuracy"], quantity))
-        base = apply_overrides(base, [f"fem.accuracy={asked}"])
+        asked = _accuracy(name, data["accuracy"], quantity)
+        base = apply_overrides(base, {"fem.accuracy": asked})
     reads = (*own, *(file for file in files if file.is_file()))
     study = SceneStudy(name, quantity, parameters, base, reads)
     _check_count(study)
@@ -331,11 +337,6 @@ def _refuse_twice(
     for path in paths:
         if path in settings or paths.count(path) > 1:
             raise InputError(f"{name}: {path} is given twice, in [parameters] and [settings]")
-
-
-def _assignments(values: Mapping[str, Value]) -> list[str]:
-    """Values as ``section.key=value`` (JSON scalars and lists are TOML as well)."""
-    return [f"{path}={json.dumps(value, default=str)}" for path, value in values.items()]
 
 
 def _check_count(study: Study) -> None:

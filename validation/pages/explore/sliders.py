@@ -11,6 +11,7 @@ from geometry.loads import CASES
 from validation.case import Case
 from validation.errors import InputError
 from validation.scene.keys.quantities import Number
+from validation.scene.keys.toml_text import flat
 
 #: Sections whose numbers have sliders.
 _SECTIONS = ("block", "assembly", "load", "loads", "limits")
@@ -125,9 +126,9 @@ def changed(file: Case, known: Controls, values: Mapping[str, Any], *, coarse: b
         else:
             names = ", ".join(sliders)
             raise InputError(f"{str(key)[:60]}: got a key without a slider; expected {names}")
-    result = file.varied(changes | _facets_of_a_wave(file, changes))
-    mesh = result.coarse_mesh(*COARSE) if coarse else {}
-    return result.varied({"mesh": mesh}) if mesh else result
+    result = file.changed(changes | _facets_of_a_wave(file, changes))
+    mesh = result.scene.coarse_mesh(*COARSE) if coarse else {}
+    return result.changed(dict(flat({"mesh": mesh})))
 
 
 def _place(key: str) -> tuple[str, list[str]]:

@@ -153,7 +153,7 @@ def decide_effects(
     """
     tolerance = case.auto
     assert tolerance is not None
-    plain = case.varied({"effects.auto": None})
+    plain = case.changed({"effects.auto": None})
     require_wider(case)
     names = candidates(plain, keep)
     start = time.process_time()

@@ -25,6 +25,7 @@ from validation.case import Case, refuse_cell, solve
 from validation.errors import InputError, named
 from validation.output.console import tabled
 from validation.scene.deformable import stated_share
+from validation.scene.keys.toml_text import flat
 from validation.study.effects.probe import (
     KeyChange,
     Quantities,
@@ -54,14 +55,14 @@ def to_rest(case: Case) -> Case:
     explicit = case.with_method("explicit")
     rayleigh = explicit.method.rayleigh  # type: ignore[union-attr]
     by_mass = rayleigh is not None and rayleigh.mass_proportional is not None
-    return explicit.varied({"fem.damping": None if by_mass else "static"})
+    return explicit.changed({"fem.damping": None if by_mass else "static"})
 
 
 def _in_time(case: Case, ramp: float, end: float) -> Case:
     """Return the case with the ramp [s] of all runs, and the end where no damping ends it."""
     assert isinstance(case.method, Explicit)
     times = {"ramp_time": ramp} | ({} if case.method.damping is not None else {"end_time": end})
-    return case.varied({"fem": times})
+    return case.changed(dict(flat({"fem": times})))
 
 
 def _stated(case: Case) -> TimedSystem:

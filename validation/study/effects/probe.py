@@ -15,7 +15,7 @@ from geometry.errors import RefusedError
 from validation.case import Case, solve
 from validation.errors import InputError
 from validation.scene.deformable import EffectName
-from validation.scene.keys.toml_text import toml_value
+from validation.scene.keys.toml_text import flat, toml_value
 
 #: Effects that are on or off, without a value.
 _SWITCHES = (EffectName.ELASTIC_FRAME, EffectName.FINITE_ROTATION, EffectName.FINITE_SLIDING)
@@ -40,12 +40,12 @@ def effects_of(case: Case) -> tuple[EffectName, ...]:
 def without_effect(case: Case, effect: EffectName) -> Case:
     """Case without an effect."""
     if effect in _GAPS:
-        return case.varied({f"contact.{effect}": 0.0})
+        return case.changed({f"contact.{effect}": 0.0})
     if effect is EffectName.FRICTION:
         stated = case.keys.get("contact", {}).get("pairs", ())
         pairs = [pair | {"friction": None} for pair in stated if "law" in pair]
-        return case.varied({"effects.friction": None, "contact.pairs": pairs})
-    return case.varied({f"effects.{effect}": False if effect in _SWITCHES else None})
+        return case.changed({"effects.friction": None, "contact.pairs": pairs})
+    return case.changed({f"effects.{effect}": False if effect in _SWITCHES else None})
 
 
 @dataclass(frozen=True)
@@ -165,13 +165,13 @@ def probe_of(case: Case) -> Case:
     # Without a history of steps, other meshes or load factors, of which it tells nothing.
     once = {"mesh": "scene", "error_estimate": False, "load_steps": 1, "frames": 0}
     none = {"accuracy": None, "max_meshes": None, "max_work": None, "max_seconds": None}
-    static = case.varied({"fem": {"method": "static", **once, **none}, "effects": still})
-    static = static.varied({"material": dict.fromkeys(_STRENGTHS)})
+    fem, strengths = {"method": "static", **once, **none}, dict.fromkeys(_STRENGTHS)
+    static = case.changed(dict(flat({"fem": fem, "effects": still, "material": strengths})))
     for factor in (1, 2, 4):
         coarse = _coarse_mesh(case, factor)
         if not coarse:
             break
-        probe = static.varied({"mesh": coarse})
+        probe = static.changed(dict(flat({"mesh": coarse})))
         try:
             _ = probe.problem.system
         except RefusedError:
@@ -182,7 +182,7 @@ def probe_of(case: Case) -> Case:
 
 def _coarse_mesh(case: Case, factor: int) -> dict[str, Any]:
     """Values of ``[mesh]`` that are lower in the probe; none where the mesh is given."""
-    result = case.coarse_mesh(factor * _PER_WAVE, factor * _THROUGH, factor * _OTHER)
+    result = case.scene.coarse_mesh(factor * _PER_WAVE, factor * _THROUGH, factor * _OTHER)
     own = case.element_counts
     return {key: value for key, value in result.items() if value != own[key]}
 

@@ -351,7 +351,7 @@ class PointStudy(AnswerStudy):
         if self.quantity == "fem":
             changed["fem.max_meshes"] = meshes
         name = f"{self.base.name}, {path} = {value:.6g}" if path else self.base.name
-        return replace(self.base.varied(changed), name=name)
+        return replace(self.base.changed(changed), name=name)
 
 
 @dataclass
