@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -12,6 +12,8 @@ import numpy as np
 
 from fem.accuracy.errors import (
     TOO_FAR,
+    Accuracy,
+    Meshes,
     OnMesh,
     Values,
     growing,
@@ -22,19 +24,16 @@ from fem.accuracy.errors import (
     unresolved,
     with_stick,
 )
-from fem.accuracy.facets import means_on
 from fem.accuracy.ladder import OF_FACETS, Ladder, Rung, fineness, ladder_for, on_rung
-from fem.accuracy.one_mesh import stick_change
-from fem.accuracy.parts import Accuracy, Meshes, MeshFacets
-from fem.accuracy.transfer import transferred
-from fem.answer.measures import load_step_change, measures_of
-from fem.answer.motion import large_motion
+from fem.accuracy.one_mesh import state_of, stick_change
+from fem.accuracy.transfer import MeshFacets, means_on, transferred
+from fem.answer.measures import large_motion, load_step_change, measures_of
 from fem.element.hexahedron import ElementType
 from fem.problem import Problem
 from fem.state import State
 from fem.static.linear_step.linearisation import StaticError
-from fem.static.path import LOAD_TOLERANCE, Known
-from fem.static.solve import StaticOptions, static_state
+from fem.static.path import LOAD_TOLERANCE
+from fem.static.solve import StaticOptions
 from geometry.answer import ALIASES, TITLES, Measure
 from geometry.assembly import Assembly
 from geometry.errors import RefusedError, is_number
@@ -49,6 +48,7 @@ from geometry.machine.work import (
     memory_limit,
     stop,
 )
+from geometry.mesh import FloatArray
 from geometry.parts.rows import Part
 from geometry.refinement import charts_of
 
@@ -291,34 +291,38 @@ def climbed(
 
 
 def bars_under(
-    problem: Problem, rungs: Iterable[Rung], options: StaticOptions, factor: float
+    problem: Problem, rungs: Sequence[Rung], options: StaticOptions, factor: float, there: State
 ) -> dict[str, float]:
-    """Error bars of measures under a factor times the loads and the weight, on some meshes.
+    """Error bars of measures of a state under a factor times the loads and the weight.
 
     Parameters
     ----------
     problem
         As stated.
     rungs
-        The first meshes of a ladder; less than two give no bars.
+        The first meshes of a ladder, the last one that of the state; one alone gives no bars.
     options
         Of the static solver.
     factor
         Of all loads [-].
+    there
+        The state.
     """
-    solved = list(climbed(problem, rungs, options, factor))
-    if len(solved) < _FOR_BARS:
+    *coarser, last = rungs
+    if not coarser:
         return {}
-    bars = sequence_bars([one.numbers for one in solved], searched=problem.searches)
+    solved = list(climbed(problem, coarser, options, factor))
+    measures = measures_of(there, facets=means_on(problem.blocks, there))
+    numbers = [one.numbers for one in solved]
+    numbers.append(_on_mesh(on_rung(problem, last), last, measures, load_step_change(there)))
+    bars = sequence_bars(numbers, searched=problem.searches)
     return with_stick(bars, _stick_change(solved[0], options, factor))
 
 
 def _stick_change(one: Solved, options: StaticOptions, factor: float = 1.0) -> Values:
     """Changes by softer stick on one mesh, under a factor times the loads in as many steps."""
     once = replace(options, load_steps=one.state.evidence.load_steps, load_tolerance=None)
-    return stick_change(
-        one.problem, one.state, lambda softer: static_state(softer.system.under(factor), once)
-    )
+    return stick_change(one.problem, one.state, lambda softer: state_of(softer, once, factor))
 
 
 def check_refinable(problem: Problem) -> None:
@@ -416,9 +420,12 @@ def _solve(
         "cpu_seconds": time.process_time() - begun,
         "work": spent.seconds,
     }
-    fine, along = fineness(stated), fineness(stated, "along")
-    numbers = OnMesh(measures, rung, fine, along, steps, beside)
+    numbers = replace(_on_mesh(stated, rung, measures, steps), beside=beside)
     return Solved(stated, state, facets, numbers, spent, load_steps)
+
+
+def _on_mesh(stated: Problem, rung: Rung, measures: Mapping[str, Measure], steps: Values) -> OnMesh:
+    return OnMesh(measures, rung, fineness(stated), fineness(stated, "along"), steps)
 
 
 def _state(
@@ -429,22 +436,21 @@ def _state(
     factor: float,
 ) -> tuple[State, MeshFacets | None]:
     """State on a mesh, and the mean pressures on the facets of the mesh that was stated."""
-    system, start = stated.system.under(factor), None
-    known: Known = ()
-    if before is not None and system.meets and _may_start(stated, before.problem):
+    start, known = None, list[tuple[float, tuple[FloatArray, ...]]]()
+    if before is not None and stated.system.meets and _may_start(stated, before.problem):
         coarse = before.state
-        move = partial(transferred, source=coarse.whole, target=system)
+        move = partial(transferred, source=coarse.whole, target=stated.system)
         if stated.coulomb is None:
             start = move(coarse.displacements)
         else:
             path = (*coarse.evidence.path, coarse)
-            known = tuple((one.load_factor, move(one.displacements)) for one in path)
+            known = [(one.load_factor, move(one.displacements)) for one in path]
             if before.load_steps is not None:
                 options = replace(options, load_steps=before.load_steps, load_tolerance=None)
             else:
                 halved = max(options.load_steps, coarse.evidence.load_steps // 2)
                 options = replace(options, load_steps=halved)
-    state = static_state(system, options, start=start, known=known)
+    state = state_of(stated, options, factor, start=start, known=known)
     return state, means_on(base.blocks, state)
 
 

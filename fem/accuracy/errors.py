@@ -48,6 +48,7 @@ import numpy as np
 from fem.accuracy.ladder import AT_EDGES, INTEGRALS, OF_FACETS, Rung
 from geometry.answer import Measure
 from geometry.mesh import FloatArray
+from geometry.parts.rows import Row, grouped
 
 #: Factors of safety of one mesh beside others, of sequences of meshes, and of two meshes, of which
 #: one is coarser or contact is searched. The last two are Roache's for three meshes and for two;
@@ -385,3 +386,85 @@ def unmet(measures: Mapping[str, Measure], targets: Mapping[str, float]) -> list
 def is_reached(measures: Mapping[str, Measure], targets: Mapping[str, float], n: int) -> bool:
     """Whether the error bars of the last of n meshes are believed, and as narrow as requested."""
     return n >= LEAST_MESHES and not unmet(measures, targets)
+
+
+# ---------------------------------------------------------------------------------------------
+# What an answer has of them beside its measures (`geometry.answer.Answer.parts`)
+
+
+@dataclass(frozen=True)
+class Accuracy:
+    """Error bars that finer and finer meshes were solved for."""
+
+    requested: Mapping[str, float]
+    """Relative error bars [-] by measure."""
+    measures: Mapping[str, Measure]
+    """Numbers of the last mesh with their error bars."""
+    ended_by: str
+    """What ended the refinement."""
+    stopped_by: str | None = None
+    """Which limit did: "work", "clock", "memory" or "interrupt"; None: none."""
+
+    @property
+    def not_reached(self) -> list[str]:
+        """Measures whose error bars are wider than requested."""
+        return unmet(self.measures, self.requested)
+
+    def request_rows(self, names: Sequence[str] | None = None) -> list[str]:
+        """Repeat requests, by default all, reached or not, with their error bars."""
+        rows = []
+        for name in self.requested if names is None else names:
+            share, bar = self.requested[name], relative(self.measures[name])
+            digits = 1 if bar < 0.1 else 0
+            bar_words = f"± {100 * bar:.{digits}f} %" if math.isfinite(bar) else "no error bar"
+            if bar <= share:
+                verdict = f"reached, {bar_words}"
+            elif is_negligible(self.measures, name):
+                verdict = "not needed, negligible beside the largest stress"
+            else:
+                verdict = f"not reached, {bar_words}"
+            rows.append(f"{name}={100 * share:g}%: {verdict}")
+        return rows
+
+    @property
+    def rows(self) -> list[Row]:
+        """Each request with what was reached, and what ended the refinement."""
+        rows = [Row("requested error bars", row) for row in self.request_rows()]
+        return grouped(evidence=[*rows, Row("refinement ended by", self.ended_by)])
+
+    def as_json(self) -> dict[str, Any]:
+        """Return plain data."""
+        return {
+            "requested": dict(self.requested),
+            "reached": {name: relative(self.measures[name]) for name in self.requested},
+            "not_reached": self.not_reached,
+            "ended_by": self.ended_by,
+            "stopped_by": self.stopped_by,
+        }
+
+
+@dataclass(frozen=True)
+class Meshes:
+    """Meshes that were solved, from coarse to fine."""
+
+    meshes: list[OnMesh]
+
+    def qualified(self, title: str) -> str:
+        """Title of an answer, with what one mesh leaves open."""
+        one = "; one mesh: these numbers are not converged"
+        return title if len(self.meshes) > 1 else title + one
+
+    @property
+    def rows(self) -> list[Row]:
+        """Elements and CPU time of each mesh."""
+        rows = []
+        for mesh in self.meshes:
+            of, seconds = mesh.beside, mesh.beside["cpu_seconds"]
+            words = f"{of['elements_per_block']} elements of degree {mesh.rung.degree} per block"
+            words += f", {of['unknowns']} unknowns: {seconds:.2f} CPU s"
+            rows.append(Row("meshes", words, seconds, "s", "time"))
+        return rows
+
+    def as_json(self) -> list[dict[str, Any]]:
+        """Return plain data."""
+        return [mesh.as_json() for mesh in self.meshes]

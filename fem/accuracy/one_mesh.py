@@ -14,15 +14,18 @@ from dataclasses import replace
 from typing import NamedTuple
 
 from fem.accuracy.errors import one_mesh_bars, with_stick
-from fem.accuracy.facets import means_on
 from fem.accuracy.ladder import coarser, split
-from fem.accuracy.parts import MeshFacets
+from fem.accuracy.transfer import MeshFacets, means_on
 from fem.answer.measures import bracketed, facet_step, load_step_change, measures_of
 from fem.problem import Problem
 from fem.state import State
+from fem.static.linear_step.condensation import FlexibilityStore
+from fem.static.path import Known
+from fem.static.solve import StaticOptions, static_state
 from geometry.block import Block
 from geometry.errors import RefusedError
 from geometry.machine.work import Budget, LimitError, allowance, unlimited
+from geometry.mesh import FloatArray
 
 #: Elements along an edge of the coarser meshes over those of the run.
 SHARES = (0.5, 2.0 / 3.0)
@@ -31,6 +34,25 @@ SHARES = (0.5, 2.0 / 3.0)
 _DEGREE = 2.0
 #: Unknowns of a mesh twice as fine over those of the run.
 _FINER = 8.0
+
+
+def state_of(
+    problem: Problem,
+    options: StaticOptions,
+    factor: float = 1.0,
+    *,
+    store: FlexibilityStore | None = None,
+    start: tuple[FloatArray, ...] | None = None,
+    known: Known = (),
+) -> State:
+    """State of a problem on its mesh, under a factor times its loads and weight.
+
+    Whatever is solved beside an answer is this case of another problem: another mesh, softer stick,
+    other load steps, another factor. The others are those of `static_state`.
+    """
+    *before, system = (stage.system for stage in problem.stages)
+    system = system if factor == 1.0 else system.under(factor)
+    return static_state(system, options, before=before, start=start, store=store, known=known)
 
 
 def static_errors(

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
-from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -23,8 +22,8 @@ from fem.accuracy.converge import (
     usual_degree,
     usual_work,
 )
-from fem.accuracy.one_mesh import static_errors
-from fem.accuracy.parts import MeshFacets
+from fem.accuracy.one_mesh import OneMeshErrors, state_of, static_errors
+from fem.accuracy.transfer import MeshFacets
 from fem.answer.answer import answer_of
 from fem.answer.measures import measures_of
 from fem.element.hexahedron import ElementType
@@ -34,7 +33,7 @@ from fem.problem import Problem, require_problem
 from fem.state import State
 from fem.static.linear_step.condensation import FlexibilityStore
 from fem.static.path import LOAD_TOLERANCE
-from fem.static.solve import StaticOptions, static_state
+from fem.static.solve import StaticOptions
 from fem.system.sector import check_system
 from geometry.answer import Answer, Measure
 from geometry.errors import RefusedError
@@ -99,7 +98,7 @@ def solve_static(
     Returns
     -------
     Answer
-        Its parts are `fem.accuracy.parts`.
+        Its parts are `Accuracy`, `Meshes` (`fem.accuracy.errors`) and `MeshFacets`.
 
     Raises
     ------
@@ -231,12 +230,12 @@ def _answer(
                 max_meshes=method.max_meshes,
                 progress=tell,
             )
-            state = result.solved.state
+            solved, state = result.solved.problem, result.solved.state
         else:
             tell("static state")
-            state = _state(problem, options, store)
+            solved, state = problem, state_of(problem, options, store=store)
     watch.lap("solve")
-    _write_frames(method.frames, state, options, follower)
+    _write_frames(method.frames, solved, state, options, follower)
     if result is None:
         limit = budget(MOST_SECONDS if method.max_work is None else None, clock(method.max_seconds))
     else:
@@ -255,7 +254,7 @@ def _answer(
                 shown = dict(
                     measures_of(state, bars.errors, facets=bars.facets, remarks=bars.remarks)
                 )
-            factors = strength_factors(state, shown, options, bars.under)
+            factors = strength_factors(solved, state, shown, options, bars.under)
             watch.lap("load factors")
     with unlimited():
         answer = answer_of(
@@ -278,7 +277,7 @@ def _of_meshes(problem: Problem, options: StaticOptions, result: Converged) -> _
     rungs = [mesh.rung for mesh in result.meshes.meshes]
     return _Bars(
         errors=result.errors,
-        under=lambda factor, _: bars_under(problem, rungs, options, factor),
+        under=lambda factor, there: bars_under(problem, rungs, options, factor, there),
         parts=result.parts,
         facets=result.solved.facets,
         remarks=result.remarks,
@@ -299,34 +298,20 @@ def _of_coarser(
 
     ``spent`` is what the state took.
     """
+
+    def under(factor: float, there: State) -> OneMeshErrors:
+        return static_errors(problem, there, lambda p: state_of(p, options, factor), spent)
+
     errors, said = dict[str, float](), "" if method.error_estimate else _NOT_ASKED
     if method.error_estimate and problem.after is None:
         follower.tell("coarser meshes, for the errors")
-        solve = partial(_state, options=options)
         with suppress(LimitError):  # the table says which
-            errors, searched = static_errors(problem, state, solve, spent)
+            errors, searched = under(1.0, state)
             said = _TWO_SEARCHES if searched else "" if errors else _NO_OTHER
         follower.watch.lap("error bars")
     notes = Notes([Row("error bars", said, group="evidence")])
-
-    def under(factor: float, there: State) -> dict[str, float]:
-        solve = partial(_state, options=options, factor=factor)
-        return static_errors(problem, there, solve, spent).errors
-
-    return _Bars(errors, under, {"notes": notes} if said else {})
-
-
-def _state(
-    problem: Problem,
-    options: StaticOptions,
-    store: FlexibilityStore | None = None,
-    factor: float = 1.0,
-) -> State:
-    """State of a problem on its mesh, under a factor times the loads."""
-    *before, system = (stage.system for stage in problem.stages)
-    if factor != 1.0:
-        system = system.under(factor)
-    return static_state(system, options, store=store, before=before)
+    parts: dict[str, Part] = {"notes": notes} if said else {}
+    return _Bars(errors, lambda factor, there: under(factor, there).errors, parts)
 
 
 def refines(problem: Problem, method: Static) -> bool:
@@ -391,6 +376,7 @@ def static_options(problem: Problem, method: Static) -> StaticOptions:
 
 def _write_frames(
     count: int,
+    problem: Problem,
     state: State,
     options: StaticOptions,
     follower: _Follower,
@@ -407,7 +393,7 @@ def _write_frames(
 
     if len(path) < count - 1 and state.friction is None and state.time is None:
         in_parts = replace(options, load_steps=count - 1, load_tolerance=None)
-        path = [*static_state(state.whole, in_parts).evidence.path, state]
+        path = [*state_of(problem, in_parts).evidence.path, state]
     began = state.system.begin
     moved = np.zeros_like(state.displacement) if began is None else began[0]
     path = [replace(path[0], displacement=moved, load_factor=0.0, time=0.0), *path]

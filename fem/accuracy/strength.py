@@ -13,11 +13,13 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
+from fem.accuracy.one_mesh import state_of
 from fem.answer.measures import hidden_between_nodes, measures_of
 from fem.element.material import one_strength
+from fem.problem import Problem
 from fem.state import State
 from fem.static.linear_step.condensation import FlexibilityStore
-from fem.static.solve import StaticOptions, static_state
+from fem.static.solve import StaticOptions
 from geometry.answer import Measure
 from geometry.errors import RefusedError
 from geometry.machine.work import LimitError
@@ -45,6 +47,7 @@ _NEARBY = 2.0
 
 
 def strength_factors(
+    problem: Problem,
     state: State,
     measures: Mapping[str, Measure],
     options: StaticOptions | None = None,
@@ -54,8 +57,8 @@ def strength_factors(
 
     Parameters
     ----------
-    state
-        Static state under the load as stated.
+    problem, state
+        On one mesh, and its static state under the load as stated.
     measures
         Its measures with their error bars.
     options
@@ -93,12 +96,8 @@ def strength_factors(
     def at(factor: float) -> Mapping[str, Measure]:
         nonlocal last
         near = abs(math.log(factor / last)) < math.log(_NEARBY)
-        result = static_state(
-            state.whole.under(factor),
-            options,
-            store=store,
-            start=solved[last].displacements if near and not path_counts else None,
-        )
+        start = solved[last].displacements if near and not path_counts else None
+        result = state_of(problem, options, factor, store=store, start=start)
         last, solved[factor] = factor, result
         known[factor] = measures_of(result, hidden_between_nodes(result))
         return known[factor]
@@ -107,6 +106,8 @@ def strength_factors(
         if bars is None:
             return None
         near = min(solved, key=lambda one: abs(math.log(factor / one)))
+        if near == 1.0:
+            return measures[name].error
         try:
             return bars(near, solved[near]).get(name)
         except RefusedError:  # no state there on another mesh, or a limit

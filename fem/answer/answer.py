@@ -18,9 +18,11 @@ from fem.answer.forces import (
     reactions_of,
     released_at_start,
 )
-from fem.answer.measures import contact_on, contacts_of, measures_of
-from fem.answer.motion import (
+from fem.answer.measures import (
+    contact_on,
+    contacts_of,
     large_motion,
+    measures_of,
     quasi_static,
     reached,
     slip,

@@ -6,8 +6,8 @@ from dataclasses import asdict
 from typing import TYPE_CHECKING
 
 from fem.answer.forces import push_curves_of, released_at_start
-from fem.answer.measures import contact_on
-from fem.answer.motion import (
+from fem.answer.measures import (
+    contact_on,
     large_motion,
     quasi_static,
     reached,

@@ -15,10 +15,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from fem import Problem, concrete, solve_static
-from fem.accuracy.facets import pressures_on_facets
 from fem.accuracy.ladder import coarser, split
 from fem.accuracy.ladder import on_mesh as on_degree
-from fem.accuracy.transfer import interpolation, node_places, transferred
+from fem.accuracy.transfer import interpolation, node_places, pressures_on_facets, transferred
 from fem.element.lagrange import with_degree
 from fem.static import problem as static_problem
 from fem.static.linear_step.grid import grid_blocks

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from fem import ExponentialLaw, Frames, LinearPenalty, Material, Problem, concrete
-from fem.answer.motion import unrestrained_blocks
+from fem.answer.measures import unrestrained_blocks
 from fem.explicit.output.energy import COLUMNS
 from fem.explicit.run import Status
 from fem.explicit.setup.quasi_static import (

@@ -8,8 +8,7 @@ import pytest
 from fem import ExponentialLaw
 from fem.accuracy.errors import relative
 from fem.answer.measures import bracketed
-from fem.answer.pressures import contact_measures
-from fem.contact.facet_peaks import LARGEST_FACTOR, facet_peaks
+from fem.answer.pressures import LARGEST_FACTOR, contact_measures, facet_peaks
 from geometry import Answer, Measure
 from tests.support.answers import on_its_mesh
 from tests.support.coarse_tubes import coarse

@@ -50,10 +50,10 @@ def test_crushing_is_judged_by_the_larger_stress_and_never_without_the_pressure(
     state = solve_static(problem, PLAIN).details
     measures = dict(measures_of(state))
     hidden = measures | {"p_max_point": replace(measures["p_max_point"], resolved=False)}
-    factor = strength_factors(state, hidden)["crushing_factor"]
+    factor = strength_factors(problem, state, hidden)["crushing_factor"]
     assert factor.remark == "not found: p_max_point is not resolved on this mesh"
     larger = measures | {"sigma_3_min": replace(measures["sigma_3_min"], value=-30.0)}
-    assert strength_factors(state, larger)["crushing_factor"].value == pytest.approx(1.0)
+    assert strength_factors(problem, state, larger)["crushing_factor"].value == pytest.approx(1.0)
 
 
 @pytest.mark.quick
@@ -64,7 +64,9 @@ def test_tension_is_round_off_beside_other_stresses_not_beside_forces() -> None:
 
     def factor(tension: float) -> Measure:
         stress = replace(measures["sigma_1_averaged"], value=tension)
-        return strength_factors(state, measures | {"sigma_1_averaged": stress})["cracking_factor"]
+        return strength_factors(problem, state, measures | {"sigma_1_averaged": stress})[
+            "cracking_factor"
+        ]
 
     assert factor(3.0).value == pytest.approx(1.0)
     assert factor(1e-11).remark == "none: no tension"

@@ -23,7 +23,6 @@ from fem.accuracy.errors import (
     sequence_bars,
     unresolved,
 )
-from fem.accuracy.facets import means_on
 from fem.accuracy.ladder import (
     LADDER,
     PRESSURES,
@@ -35,6 +34,7 @@ from fem.accuracy.ladder import (
     split,
 )
 from fem.accuracy.ladder import on_mesh as on_degree
+from fem.accuracy.transfer import means_on
 from fem.answer.measures import measures_of
 from geometry import Assembly, Measure, SineBlock, pipe, shaft, tube
 from geometry.answer import WIDEST

@@ -229,7 +229,7 @@ def _remedies(
     answer: Answer, outputs: Outputs, words: list[str], settings: Sequence[str]
 ) -> Iterator[str]:
     """How to get tighter error bars, and how a run that was cut short continues."""
-    from fem.answer.motion import large_motion
+    from fem.answer.measures import large_motion
 
     # Of a value without bound a tighter bar is none to request.
     missed = [name for name in not_reached(answer) if not answer[name].remark]

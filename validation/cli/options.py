@@ -344,7 +344,7 @@ def exit_by(answer: Answer, method: Method) -> None:
     typer.Exit
         A requested accuracy, the arrival of supports or the end of the run was not reached.
     """
-    from fem.answer.motion import reached
+    from fem.answer.measures import reached
     from fem.method import Static
 
     run = answer.details.run

@@ -12,8 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from scipy.spatial import KDTree
 
-from fem.answer.measures import load_step_change
-from fem.answer.motion import largest_turn
+from fem.answer.measures import largest_turn, load_step_change
 from fem.decks.deck import Deck, Flavour
 from fem.decks.problem import problem_deck, write_deck_file
 from fem.element.hexahedron import ElementType

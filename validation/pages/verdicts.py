@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
-from fem.accuracy.parts import Accuracy
-from fem.answer.motion import large_motion
+from fem.accuracy.errors import Accuracy
+from fem.answer.measures import large_motion
 from fem.element.material import Material
 from geometry.answer import (
     FACTORS,

@@ -135,8 +135,7 @@ def fem_results(case: Case) -> tuple[dict[str, Any], list[str]]:
     does not resolve, or that grows with every refinement, is absent.
     """
     from fem.accuracy.converge import TARGETS
-    from fem.accuracy.errors import AT_AN_EDGE
-    from fem.accuracy.parts import Accuracy
+    from fem.accuracy.errors import AT_AN_EDGE, Accuracy
     from fem.answer.forces import energy_balance
 
     answer = repeatable(solve(case, otherwise=dict.fromkeys(TARGETS, RANKING)))

@@ -13,9 +13,9 @@ from typing import Any
 
 import numpy as np
 
-from fem.accuracy.facets import pressures_on_facets
 from fem.accuracy.ladder import LADDER, on_rung
 from fem.accuracy.statics import static_options
+from fem.accuracy.transfer import pressures_on_facets
 from fem.answer.measures import contact_on
 from fem.contact.friction import CoulombFriction
 from fem.contact.law import LinearPenalty

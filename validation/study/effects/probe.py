@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from fem.answer.motion import slip
+from fem.answer.measures import slip
 from fem.answer.pressures import contact_measures
 from fem.method import Explicit
 from fem.state import State
