@@ -10,12 +10,12 @@ from annotated_types import Ge, Gt, Le, Lt
 
 from fem.system.effects import (
     LEAST_FACTOR,
-    PAPER_RAYLEIGH,
     SAFETY_FACTOR,
     AdaptiveMassDamping,
     BulkViscosity,
     Effects,
     RayleighDamping,
+    paper_rayleigh,
 )
 from geometry.mesh import FloatArray
 from geometry.parts.options import OptionError, check
@@ -138,7 +138,7 @@ class Explicit:
         """Its effects of time integration, beside finite rotation and gravity (3,) [mm/s²]."""
         damping, rayleigh, viscosity = self.damped(moves=moves), self.rayleigh, self.bulk_viscosity
         if damping == "paper":
-            rayleigh, viscosity = rayleigh or PAPER_RAYLEIGH, viscosity or BulkViscosity()
+            rayleigh, viscosity = rayleigh or paper_rayleigh(), viscosity or BulkViscosity()
         return Effects(
             rayleigh=rayleigh,
             bulk_viscosity=viscosity,

@@ -5,10 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Annotated
+
+from annotated_types import Gt
 
 from geometry.errors import RefusedError
 from geometry.mesh import FloatArray
-from geometry.parts.options import NonNegative
+from geometry.parts.options import Count, NonNegative, Options
 
 #: Share of the critical time step that explicit runs take where nothing else is stated.
 SAFETY_FACTOR = 0.9
@@ -20,13 +23,8 @@ class EffectError(RefusedError):
     """An effect with a coefficient that no solver can use."""
 
 
-def _require(ok: bool, name: str, value: object, expected: str) -> None:
-    if not ok:
-        raise EffectError(f"effects.{name}: got {value}, expected {expected}")
-
-
 @dataclass(frozen=True)
-class RayleighDamping:
+class RayleighDamping(Options):
     """Viscous damping C = mass_proportional · M + stiffness_proportional · K.
 
     The damping ratio of a mode is (mass_proportional / ω + stiffness_proportional · ω) / 2.
@@ -37,19 +35,14 @@ class RayleighDamping:
     stiffness_proportional: NonNegative | None = None
     """β [s], Abaqus *DAMPING, BETA; by default absent. Reduces the critical time step."""
 
-    def __post_init__(self) -> None:
-        for name in ("mass_proportional", "stiffness_proportional"):
-            value = getattr(self, name)
-            good = value is None or (math.isfinite(value) and value >= 0.0)
-            _require(good, f"rayleigh.{name}", value, "a finite number >= 0")
 
-
-#: The paper's damping of its Abaqus runs (Table material_parameters): α [1/s] and β [s].
-PAPER_RAYLEIGH = RayleighDamping(mass_proportional=2.0, stiffness_proportional=1.0e-8)
+def paper_rayleigh() -> RayleighDamping:
+    """Damping of the Abaqus runs of the paper, Table material_parameters."""
+    return RayleighDamping(mass_proportional=2.0, stiffness_proportional=1.0e-8)
 
 
 @dataclass(frozen=True)
-class BulkViscosity:
+class BulkViscosity(Options):
     """Bulk viscosity pressure of Abaqus/Explicit (see `fem.explicit.body`)."""
 
     linear_bulk_viscosity: NonNegative = 0.06
@@ -57,45 +50,25 @@ class BulkViscosity:
     quadratic_bulk_viscosity: NonNegative = 1.2
     """Acts in compression only; smears a shock over a few elements [-]."""
 
-    def __post_init__(self) -> None:
-        for name in ("linear_bulk_viscosity", "quadratic_bulk_viscosity"):
-            value = getattr(self, name)
-            good = math.isfinite(value) and value >= 0.0
-            _require(good, f"bulk_viscosity.{name}", value, "a finite number >= 0")
-
 
 @dataclass(frozen=True)
-class AdaptiveMassDamping:
+class AdaptiveMassDamping(Options):
     """A numerical device, not physics: critical damping of the lowest active mode.
 
     Drives a run to its static state (see `fem.explicit.damping.adapt`).
     """
 
-    interval: int = 20
+    interval: Count = 20
     """Steps between two estimates of the lowest active frequency."""
-    fraction_of_critical: float = 1.0
-    """Mass damping is 2 · fraction · ω of the estimate [-]."""
-    loading_time: float = 0.0
-    """Duration of the loading [s], during which another fraction may count: drag against the slow
-    motion is remembered by friction."""
-    fraction_while_loading: float = 1.0
-    """That fraction [-]."""
-
-    def __post_init__(self) -> None:
-        _require(self.interval >= 1, "adaptive_mass_damping.interval", self.interval, ">= 1")
-        for name in ("fraction_of_critical", "fraction_while_loading"):
-            fraction = getattr(self, name)
-            good = math.isfinite(fraction) and fraction > 0.0
-            _require(good, f"adaptive_mass_damping.{name}", fraction, "> 0")
-        duration = self.loading_time
-        good = math.isfinite(duration) and duration >= 0.0
-        _require(good, "adaptive_mass_damping.loading_time", duration, ">= 0")
+    loading_time: NonNegative = 0.0
+    """Duration of the loading [s], during which less than critical damping may count: drag against
+    the slow motion is remembered by friction."""
+    fraction_while_loading: Annotated[float, Gt(0)] = 1.0
+    """Mass damping is 2 · fraction · ω of the estimate: this fraction then, later 1 [-]."""
 
     def fraction(self, time: float) -> float:
         """Fraction of critical damping at a time [-]."""
-        if time < self.loading_time:
-            return self.fraction_while_loading
-        return self.fraction_of_critical
+        return self.fraction_while_loading if time < self.loading_time else 1.0
 
 
 @dataclass(frozen=True)
@@ -116,19 +89,19 @@ class Effects:
     """Damping to the static state; excludes `RayleighDamping.mass_proportional`."""
 
     def __post_init__(self) -> None:
-        rayleigh = self.rayleigh
-        if self.adaptive_mass_damping is not None and rayleigh is not None:
-            _require(
-                rayleigh.mass_proportional is None,
-                "adaptive_mass_damping",
-                f"rayleigh.mass_proportional = {rayleigh.mass_proportional} beside it",
-                "one of the two: both are mass-proportional damping",
+        if self.adaptive_mass_damping is not None and self.mass_damping is not None:
+            raise EffectError(
+                f"effects.adaptive_mass_damping: got rayleigh.mass_proportional = "
+                f"{self.mass_damping} beside it, expected one of the two: both are "
+                "mass-proportional damping"
             )
-        if self.gravity is not None:
-            good = self.gravity.shape == (3,) and all(math.isfinite(g) for g in self.gravity)
-            _require(good, "gravity", self.gravity, "three finite numbers [mm/s²]")
-        alone = self.gravity is None and self.gravity_amplitude is not None
-        _require(not alone, "gravity_amplitude", "one", "effects.gravity beside it")
+        gravity = self.gravity
+        if gravity is not None and not (gravity.shape == (3,) and all(map(math.isfinite, gravity))):
+            raise EffectError(
+                f"effects.gravity: got {gravity}, expected three finite numbers [mm/s²]"
+            )
+        if gravity is None and self.gravity_amplitude is not None:
+            raise EffectError("effects.gravity_amplitude: got one, expected gravity beside it")
 
     @property
     def mass_damping(self) -> float | None:

@@ -6,7 +6,7 @@ import pytest
 from fem import CoulombFriction, LinearPenalty
 from fem.dynamics import stated_run
 from fem.explicit.setup.timed_system import timed_system
-from fem.system.effects import PAPER_RAYLEIGH, Effects
+from fem.system.effects import Effects, paper_rayleigh
 from fem.system.rows import SmoothStepAmplitude, TabularAmplitude
 from tests.support.explicit_runs import explicit_run
 from tests.support.fem_problems import in_contact
@@ -94,7 +94,7 @@ def test_gravity_grows_only_on_the_way_to_a_static_state():
         effects = stated.effects
         assert (effects.gravity_amplitude is not None) is ramped
         if not ramped:
-            assert effects.rayleigh == PAPER_RAYLEIGH
+            assert effects.rayleigh == paper_rayleigh()
             continue
         adaptive = effects.adaptive_mass_damping
         assert (
