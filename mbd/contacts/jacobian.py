@@ -18,7 +18,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 import scipy.linalg
-import scipy.sparse.csgraph
+import scipy.sparse
 
 from geometry.interface import Interfaces
 from geometry.machine.work import Operation, count
@@ -43,6 +43,8 @@ NormalMap = Callable[[FloatArray], FloatArray]
 
 #: Part of a load that is left where supports take it, by the digits of their directions.
 _ROUND_OFF = 1e-9
+#: Blocks by which neighbours may lie apart in the stated order, and a better one is not looked for.
+_NARROW = 10
 #: The 21 pairs (i, j) with i <= j of a symmetric 6 × 6 matrix.
 _UPPER = np.triu_indices(6)
 
@@ -235,18 +237,21 @@ class ContactJacobian(ReadOnlyArrays):
         Builders number blocks course by course, which is narrower for a shell than what reduces
         the bandwidth of any graph.
         """
-        graph = scipy.sparse.coo_array(
-            (np.ones(len(self.row_m)), (self.row_m, self.row_s)), shape=(self.n_free,) * 2
-        ).tocsr()
-        together = scipy.sparse.csr_array(graph + graph.T)
-        order = scipy.sparse.csgraph.reverse_cuthill_mckee(together, symmetric_mode=True)
         stated = np.arange(self.n_free)
-        reordered = np.empty_like(stated)
-        reordered[order] = stated
 
         def reach(position: IntArray) -> int:
             return int(np.abs(position[self.row_m] - position[self.row_s]).max(initial=0))
 
+        if reach(stated) <= _NARROW:
+            return stated, 6 * reach(stated) + 5
+        from scipy.sparse.csgraph import reverse_cuthill_mckee
+
+        graph = scipy.sparse.coo_array(
+            (np.ones(len(self.row_m)), (self.row_m, self.row_s)), shape=(self.n_free,) * 2
+        ).tocsr()
+        together = scipy.sparse.csr_array(graph + graph.T)
+        reordered = np.empty_like(stated)
+        reordered[reverse_cuthill_mckee(together, symmetric_mode=True)] = stated
         position = min(reordered, stated, key=reach)
         return position, 6 * reach(position) + 5
 

@@ -370,13 +370,16 @@ def pictures(answer: Answer) -> dict[str, Callable[[], Figure]]:
 
 def _rigid_pictures(answer: Answer) -> dict[str, Callable[[Answer], Figure]]:
     from validation.output.pictures.assemblies import draw_mechanism, draw_pressures
-    from validation.output.pictures.polyhedra import draw_explosion, draw_polyhedra
 
     result: dict[str, Callable[[Answer], Figure]] = {}
     if "disassembly" in answer.parts:
+        from validation.output.pictures.polyhedra import draw_explosion
+
         explosion = cast("Explosion", answer.parts["disassembly"])
         result["explosion.png"] = lambda _: draw_explosion(explosion)
     if not is_meshed(answer):
+        from validation.output.pictures.polyhedra import draw_polyhedra
+
         result["contacts.png"] = draw_polyhedra
     elif answer.details.holds:
         result["contact_pressures.png"] = draw_pressures
