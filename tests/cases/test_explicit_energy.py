@@ -7,7 +7,7 @@ import pytest
 
 from fem import Explicit, ExponentialLaw, LinearPenalty, solve_explicit
 from geometry import RefusedError
-from tests.support.commands import command
+from tests.support.commands import command, set_words
 from validation import load_case
 
 pytestmark = pytest.mark.quick
@@ -81,7 +81,7 @@ def test_a_run_that_makes_energy_is_no_answer(scene):
         "fem": "{method = 'explicit', end_time = 1e-3, ramp_time = 0.0}",
         "fem.time_step": "3.2e-7",
     }
-    sets = [word for key, value in settings.items() for word in ("--set", f"{key}={value}")]
+    sets = set_words(settings)
     status, _, printed = command(
         "fem", str(scene), *sets, "--json", str(scene.with_suffix(".json"))
     )

@@ -18,10 +18,11 @@ from mbd import Rigid, analyse
 from tests.fixtures.commands import small_meshes
 from tests.support.answers import PLAIN
 from tests.support.coarse_tubes import keys
+from tests.support.commands import answered, set_words
 from validation import compare, load_case, plot, read_answer, sweep, write
 
 COARSE = keys(2, 2)
-SETTINGS = [word for key, value in COARSE.items() for word in ("--set", f"{key}={value}")]
+SETTINGS = set_words(COARSE)
 
 
 @pytest.fixture(scope="module")
@@ -44,11 +45,8 @@ def refined(problem) -> Answer:
         return solve_static(problem)
 
 
-def test_numbers_of_the_rigid_command_are_those_of_the_answer(answers, tubelock) -> None:
-    status, _, err = tubelock("mbd", "tsb1-pipe", *SETTINGS, "--json", "mbd.json")
-    assert not status, err
-    printed, rigid = json.loads(Path("mbd.json").read_text("utf-8")), answers[0].as_dict()
-    same(printed, rigid)
+def test_numbers_of_the_rigid_command_are_those_of_the_answer(answers) -> None:
+    same(answered("mbd", "tsb1-pipe", *SETTINGS)[0], answers[0].as_dict())
 
 
 def same(printed: dict[str, Any], given: dict[str, Any]) -> None:
@@ -59,28 +57,17 @@ def same(printed: dict[str, Any], given: dict[str, Any]) -> None:
         assert row["group"] == "time" or row in printed["rows"]
 
 
-def test_numbers_of_the_fem_command_are_those_of_the_answer(answers, tubelock) -> None:
-    status, _, err = tubelock(
-        *("fem", "tsb1-pipe", *SETTINGS, "--set", "fem.method=static", "--json", "fem.json"),
-        *("--set", "fem.error_estimate=false", "--set", "fem.mesh=scene"),
-    )
-    assert not status, err
-    printed, static = json.loads(Path("fem.json").read_text("utf-8")), answers[1].as_dict()
+def test_numbers_of_the_fem_command_are_those_of_the_answer(answers) -> None:
+    plain = set_words(("fem.method=static", "fem.error_estimate=false", "fem.mesh=scene"))
+    printed, _ = answered("fem", "tsb1-pipe", *SETTINGS, *plain)
+    static = answers[1].as_dict()
     assert printed["measures"] == static["measures"]
     same(printed, static)
 
 
 @pytest.mark.usefixtures("small_meshes")
-def test_numbers_of_the_compare_command_are_those_of_the_call(
-    problem,
-    answers,
-    refined,
-    tubelock,
-) -> None:
-    options = ("--explicit", "--json", "compare.json")
-    status, _, err = tubelock("compare", "tsb1-pipe", *SETTINGS, *options)
-    assert not status, err
-    printed = json.loads(Path("compare.json").read_text("utf-8"))
+def test_numbers_of_the_compare_command_are_those_of_the_call(problem, answers, refined) -> None:
+    printed, _ = answered("compare", "tsb1-pipe", *SETTINGS, "--explicit")
     rigid, on_mesh, explicit = answers
     by_pressure = analyse(problem, Rigid(norm="pressure"))
     found = compare(rigid, by_pressure, refined, on_mesh, explicit)

@@ -10,7 +10,7 @@ import pytest
 
 from tests.support.answers import on_its_mesh
 from tests.support.coarse_tubes import coarse
-from tests.support.commands import command
+from tests.support.commands import command, set_words
 from validation import load_case
 
 pytestmark = pytest.mark.quick
@@ -20,7 +20,7 @@ ONE_MESH = ("fem.mesh=scene", "fem.error_estimate=false")
 
 
 def printed(word: str, scene: str, *settings: str) -> str:
-    sets = [part for one in settings for part in ("--set", one)]
+    sets = set_words(settings)
     status, out, err = command(word, scene, *sets, "--json", "a.json")
     assert status == 0, err
     return out
@@ -66,7 +66,7 @@ def test_waves_that_are_almost_upright_are_named(tubelock, amplitude, degrees) -
     largest, and by hand atan(2f n a / r_o) = atan(3 · 4 · 90 / 160) = 81.6°."""
     sets = [f"block.amplitude={amplitude}", "assembly.layers=1", "mesh.around=96"]
     sets += ["mesh.radial=1", "mesh.axial=1"]
-    words = [word for setting in sets for word in ("--set", setting)]
+    words = set_words(sets)
     status, out, _ = tubelock("export", "tsb1-pipe", *words, "-o", "a.inp")
     assert status == 0
     assert ("as steep as" in out) is (degrees is not None)

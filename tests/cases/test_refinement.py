@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import json
-from pathlib import Path
-
 import pytest
+
+from tests.support.commands import answered, set_words
 
 COARSE = {"around": 12, "radial": 1, "axial": 2}
 
@@ -13,14 +12,11 @@ COARSE = {"around": 12, "radial": 1, "axial": 2}
 def asked(factor: int) -> list[str]:
     counts = {key: factor * n for key, n in COARSE.items()}
     pairs = ["assembly.layers=2", *(f"mesh.{key}={n}" for key, n in counts.items())]
-    return ["tsb1-pipe", *(word for pair in pairs for word in ("--set", pair))]
+    return ["tsb1-pipe", *set_words(pairs)]
 
 
-def test_a_refinement_is_the_difference_of_two_answers(tubelock) -> None:  # type: ignore[no-untyped-def]
-    status, out, _ = tubelock("mbd", *asked(1), "--refine", "--json", "one.json")
-    assert status == 0
-    assert tubelock("mbd", *asked(2), "--json", "two.json")[0] == 0
-    one, two = (json.loads(Path(f"{name}.json").read_text()) for name in ("one", "two"))
+def test_a_refinement_is_the_difference_of_two_answers() -> None:
+    (one, out), (two, _) = answered("mbd", *asked(1), "--refine"), answered("mbd", *asked(2))
     found = one["refinement"]
     assert found["n_contacts"] == two["n_contacts"] == 4 * one["n_contacts"]
     assert not found["class_changes"]

@@ -25,6 +25,7 @@ from mbd import analyse
 from tests.support.answers import PLAIN, on_its_mesh
 from tests.support.arch import arch_run
 from tests.support.coarse_tubes import keys
+from tests.support.commands import answered
 from tests.support.pressed_boxes import AREA, PRESSURE, SHEAR, STICK, boxes
 from validation import load_case, read_answer, section, write
 
@@ -299,9 +300,6 @@ def test_springs_to_the_ground_are_reactions(tmp_path, tubelock) -> None:
     normal = [1, 0, 0]
     """
     (tmp_path / "bar.toml").write_text(text, "utf-8")
-    data = tmp_path / "bar.json"
-    status, _, said = tubelock("fem", str(tmp_path / "bar.toml"), "--json", str(data))
-    assert status == 0, said
-    row = json.loads(data.read_text("utf-8"))["sections"][0]
+    row = answered("fem", str(tmp_path / "bar.toml"))[0]["sections"][0]
     assert row["normal_force"] == pytest.approx(0.3 * 2400.0, rel=1e-7)
     assert np.abs(row["bending_moments"]).max() < 1e-7 * 0.3 * 2400.0 * 400.0

@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 from fem import ExponentialLaw, LinearPenalty
+from tests.support.commands import set_words
 from tests.support.drawn_blocks import cuboid, write_obj
 
 pytestmark = pytest.mark.quick
@@ -36,7 +37,7 @@ def _run(tubelock):
 
     def run(text, *settings):
         Path("scene.toml").write_text(text, "utf-8")
-        sets = [part for one in settings for part in ("--set", one)]
+        sets = set_words(settings)
         status, out, err = tubelock("fem", "scene.toml", *sets, "--json", "a.json")
         written = Path("a.json")
         return status, out + err, json.loads(written.read_text()) if written.exists() else {}

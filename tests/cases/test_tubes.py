@@ -10,12 +10,12 @@ import pytest
 
 from tests.support.answers import both_kinds
 from tests.support.coarse_tubes import COARSE, tube
-from tests.support.commands import ANSWER_FILES
+from tests.support.commands import ANSWER_FILES, set_words
 from validation import InputError, compare, sweep
 
 pytestmark = pytest.mark.quick
 
-SETTINGS = [a for s in COARSE for a in ("--set", s)]
+SETTINGS = set_words(COARSE)
 
 
 def test_three_answers_to_one_scene() -> None:

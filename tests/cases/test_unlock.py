@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from tests.support.commands import command
+from tests.support.commands import answered, set_words
 from validation import load_case, solve
 
 pytestmark = pytest.mark.quick
@@ -18,11 +17,7 @@ COARSE = ("mesh.edge=4", "mesh.radial=2")
 
 def unlocking(scene: str, *settings: str, options: tuple[str, ...] = ()) -> dict[str, Any]:
     """What ``tubelock mbd --layers-to-unlock`` finds."""
-    words = [*(part for value in settings for part in ("--set", value)), *options]
-    status, out, said = command("mbd", scene, *words, "--layers-to-unlock", "--json", "-")
-    assert status == 0, said
-    data: dict[str, Any] = json.loads(out)
-    return data
+    return answered("mbd", scene, *set_words(settings), *options, "--layers-to-unlock")[0]
 
 
 def class_with_layers(layers: int) -> str:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import re
 from pathlib import Path
 
@@ -10,7 +9,7 @@ import meshio
 import pytest
 
 from geometry import box_block
-from tests.support.commands import command
+from tests.support.commands import answered, command, set_words
 from validation import load_case, report, solve
 
 pytestmark = pytest.mark.quick
@@ -44,10 +43,9 @@ def rows(folder: Path, *words: str) -> list[str]:
 def test_the_rows_of_the_data_are_those_that_are_printed(tmp_path: Path) -> None:
     """In their order, and the value of a row that begins with a number is that number."""
     path = cubes(tmp_path, [[0, 0, 0], [0, 0, 100]], [0])
-    status, out, err = command("mbd", str(path), "--json", str(tmp_path / "a.json"))
-    assert status == 0, err
-    lines = [line.split("│")[1:3] for line in out.splitlines() if line.startswith("│")]
-    data = json.loads((tmp_path / "a.json").read_text())["rows"]
+    found, said = answered("mbd", str(path))
+    lines = [line.split("│")[1:3] for line in said.splitlines() if line.startswith("│")]
+    data = found["rows"]
     titles = [row["title"] for row in data]
     assert [line[0].strip() for line in lines if line[0].strip()] == list(dict.fromkeys(titles))
     printed = "".join("".join(line[1] for line in lines).split())
@@ -61,7 +59,7 @@ def test_the_rows_of_the_data_are_those_that_are_printed(tmp_path: Path) -> None
 
 
 def test_an_arch_that_stands_with_friction_is_said_to_stand(tmp_path: Path) -> None:
-    settings = [word for setting in ARCH for word in ("--set", setting)]
+    settings = set_words(ARCH)
     first, *others = rows(tmp_path, "arch", *settings)
     assert first.split("│")[1].strip() == "verdict"
     assert first.split("│")[2].strip() == "carried with friction μ = 1 (without: not carried)"

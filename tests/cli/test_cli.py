@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from tests.support.coarse_tubes import SMALL
+from tests.support.commands import answered, set_words
 from validation import builtin_names, load_case, read_answer
 from validation.output.answer_files import NUMBERS
 from validation.output.files import write_json
@@ -18,10 +19,9 @@ from validation.output.files import write_json
 pytestmark = pytest.mark.quick
 
 
-def test_json_of_mbd_has_the_promised_keys_in_full_precision(tubelock) -> None:
-    status, out, _ = tubelock("mbd", "tsb1-pipe", *SMALL, "--json", "-")
-    assert status == 0
-    data = json.loads(out)
+@pytest.mark.usefixtures("tubelock")
+def test_json_of_mbd_has_the_promised_keys_in_full_precision() -> None:
+    data, _ = answered("mbd", "tsb1-pipe", *SMALL)
     assert data["scene"] == "tsb1-pipe"
     assert data["mechanism"] == "locked"
     assert data["equilibrium"]["holds"] is True
@@ -70,9 +70,7 @@ def test_mbd_writes_pressures_and_picture(tubelock) -> None:
 
 
 def test_infeasible_scene_shows_its_mechanism(tubelock) -> None:
-    status, _, _ = tubelock("mbd", "brick-stack", "-o", "wall", "--fields", "--json", "wall.json")
-    assert status == 0
-    data = json.loads(Path("wall.json").read_text())
+    data, _ = answered("mbd", "brick-stack", "-o", "wall", "--fields")
     assert data["mechanism"] == "activated"
     assert data["equilibrium"]["holds"] is False
     assert data["measures"] == {}
@@ -145,7 +143,7 @@ def test_a_full_disk_is_one_line(tubelock, monkeypatch) -> None:
 def test_printed_times_count_error_bars_and_what_was_loaded(tubelock) -> None:
     """The stages add up to the total; the process, named in the last line, spent at least that."""
     settings = ("assembly.layers=1", "mesh.around=12", 'fem.mesh="scene"')
-    few = [part for s in settings for part in ("--set", s)]
+    few = set_words(settings)
     before = time.process_time()
     status, out, _ = tubelock("fem", "tsb1-pipe", *few, *SMALL, "-o", "o")
     after = time.process_time()

@@ -14,10 +14,11 @@ from typing import Any
 import pytest
 
 from tests.support.coarse_tubes import coarse
+from tests.support.commands import set_words
 
 COMMAND = [sys.executable, "-m", "validation.cli"]
 SMALL = list(coarse(1, 2))
-RIGID = ["mbd", "tsb1-pipe", *(part for s in SMALL for part in ("--set", s))]
+RIGID = ["mbd", "tsb1-pipe", *set_words(SMALL)]
 FILES = {"contact_pressures.png", "joints.csv", "answer.json"}
 
 

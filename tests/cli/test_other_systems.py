@@ -13,6 +13,7 @@ import pytest
 
 from tests.support import endless
 from tests.support.coarse_tubes import coarse
+from tests.support.commands import set_words
 
 PACKAGES = ("geometry", "mbd", "fem", "validation")
 #: Loaded by every Python process of a test, workers too: takes away what Windows lacks. Libraries
@@ -86,7 +87,7 @@ SMALL = coarse(1, 2)
     ],
 )
 def test_an_answer(command: str, key: str, tmp_path: Path, poor: dict[str, str]) -> None:
-    settings = [word for setting in (*SMALL, key) for word in ("--set", setting)]
+    settings = set_words((*SMALL, key))
     done = tubelock(command, "tsb1-beam", *settings, cwd=tmp_path, env=poor)
     assert (done.returncode, reported(done)) == (0, [])
 

@@ -7,6 +7,7 @@ import pytest
 
 from tests.fixtures.commands import small_meshes
 from tests.support.coarse_tubes import coarse
+from tests.support.commands import set_words
 from validation.output import console as progress
 from validation.output.console import (
     WINDOW,
@@ -19,7 +20,7 @@ from validation.output.console import (
 )
 
 COARSE = coarse(2, 2)
-TUBE = ("tsb1-pipe", *(word for setting in COARSE for word in ("--set", setting)))
+TUBE = ("tsb1-pipe", *set_words(COARSE))
 
 
 @pytest.fixture

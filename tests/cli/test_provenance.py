@@ -16,7 +16,7 @@ import pytest
 
 from tests.fixtures.commands import undrawn
 from tests.support.coarse_tubes import coarse
-from tests.support.commands import command
+from tests.support.commands import command, set_words
 from validation import builtin_text, load_case, read_answer
 from validation.output.files import Provenance, program, stamp_vtu, stamped
 from validation.output.outputs import Outputs
@@ -26,7 +26,7 @@ SMALL = coarse(1, 2)
 
 
 def settings() -> list[str]:
-    return [word for setting in SMALL for word in ("--set", setting)]
+    return set_words(SMALL)
 
 
 @pytest.fixture(scope="module")

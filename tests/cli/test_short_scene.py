@@ -11,6 +11,7 @@ import jsonschema
 import pytest
 
 from tests.support.coarse_tubes import coarse
+from tests.support.commands import set_words
 from validation import InputError, load_case
 from validation.scene.builtin import stands_for_builtin
 from validation.scene.families.sine import TubeScene
@@ -26,7 +27,7 @@ ONE_MESH = ("fem.mesh=scene", "fem.error_estimate=false")
 
 
 def settings(*values: str) -> list[str]:
-    return [word for value in values for word in ("--set", value)]
+    return set_words(values)
 
 
 def scene(**sections: object) -> TubeScene:

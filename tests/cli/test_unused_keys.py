@@ -11,6 +11,7 @@ import pytest
 
 from geometry import RefusedError
 from tests.support.coarse_tubes import coarse
+from tests.support.commands import answered, set_words
 from tests.support.keys import leaves, other
 from validation import Case, builtin_names, load_case, solve, sweep
 from validation.scene.read import apply_overrides, scene_data
@@ -116,20 +117,17 @@ def test_nothing_is_said_to_be_ignored_of_built_in_scenes(name: str) -> None:
         assert not case.key_use(method).ignored
 
 
-def test_commands_name_effects_of_time_integration(tubelock, tmp_path: Path) -> None:
-    words = [w for s in (*COARSE, *EVERYTHING[:2]) for w in ("--set", s)]
-    status, out, _ = tubelock("mbd", "tsb1-pipe", *words, "--json", str(tmp_path / "a.json"))
-    assert status == 0
+def test_commands_name_effects_of_time_integration() -> None:
+    data, out = answered("mbd", "tsb1-pipe", *set_words((*COARSE, *EVERYTHING[:2])))
     keys = "effects.rayleigh.mass_proportional, effects.bulk_viscosity (not used by this method)"
     assert f"ignored {keys}" in " ".join(out.replace("│", "").split())
-    data = json.loads((tmp_path / "a.json").read_text())
     assert {"material.young_modulus", "contact.law"} <= set(data["unused_keys"])
     assert "block.height" not in data["unused_keys"]
 
 
 def swept(tubelock, key: str, values: list[float]) -> tuple[int, str, str]:
     """What `tubelock sweep` says of a study of rigid blocks."""
-    words = [word for setting in COARSE for word in ("--set", setting)]
+    words = set_words(COARSE)
     Path("study.toml").write_text(
         f'scene = "tsb1-pipe"\nquantity = "rigid"\n[parameters]\n"{key}" = {values}\n'
     )

@@ -35,6 +35,7 @@ from fem.accuracy.ladder import (
 )
 from geometry import Measure
 from tests.fixtures.commands import small_meshes
+from tests.support.commands import answered
 from tests.support.own_blocks import column
 from tests.support.references import references
 from tests.support.stated import stated
@@ -209,9 +210,7 @@ def test_work_that_does_for_no_mesh_is_no_answer(tubelock) -> None:  # type: ign
 def test_command(tubelock) -> None:  # type: ignore[no-untyped-def]
     short = ("--set", "assembly.layers=1")
     asked = ("--accuracy", "u=20%", "--accuracy", "p_eff=0.5")
-    status, _, _ = tubelock("fem", "tsb1-pipe", *short, *asked, "--json", "fem.json")
-    assert status == 0
-    data = json.loads(Path("fem.json").read_text())
+    data, _ = answered("fem", "tsb1-pipe", *short, *asked)
     bar = data["measures"]["max_displacement"]
     assert 0.0 < bar["error"] <= 0.2 * bar["value"]
     assert data["accuracy"]["requested"] == {"max_displacement": 0.2, "p_eff": 0.5}
@@ -227,13 +226,11 @@ def test_command(tubelock) -> None:  # type: ignore[no-untyped-def]
 
 
 @pytest.mark.parametrize("name", ["thb0-tunnel", "osteomorphic"])
-def test_other_families_and_loads_are_refined_too(tubelock, name) -> None:  # type: ignore[no-untyped-def]
+def test_other_families_and_loads_are_refined_too(name: str) -> None:
     """Means over facets are those of the facets of the scene, on every mesh."""
-    short = ["--set", "assembly.layers=1", "--json", "f.json"]
+    short = ["--set", "assembly.layers=1"]
     short += ["--set", "assembly.columns=1"] if name == "osteomorphic" else []
-    status, _, _ = tubelock("fem", name, *short, "--accuracy", "u=50%")
-    assert status == 0
-    data = json.loads(Path("f.json").read_text())
+    data, _ = answered("fem", name, *short, "--accuracy", "u=50%")
     assert all(data["measures"][key]["error"] > 0.0 for key in ("p_eff", "p_max", "p_max_facet"))
 
 

@@ -18,13 +18,14 @@ from fem.decks.problem import problem_deck
 from fem.decks.read.cards import Card, read_cards
 from fem.system.effects import SAFETY_FACTOR
 from tests.support.coarse_tubes import coarse
+from tests.support.commands import set_words
 from tests.support.decks import exported
 from validation import load_case
 
 pytestmark = pytest.mark.quick
 
 COARSE = list(coarse(2, 2, 2))
-SMALL = [word for setting in COARSE for word in ("--set", setting)]
+SMALL = set_words(COARSE)
 
 
 #: Colour of arrows of loads.

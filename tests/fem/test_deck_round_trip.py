@@ -15,7 +15,7 @@ from fem.decks.read.deck import deck_of_lines
 from fem.state import State
 from fem.static.solve import static_state
 from tests.support.coarse_tubes import keys
-from tests.support.commands import command
+from tests.support.commands import command, set_words
 from tests.support.decks import exported, written_again
 from tests.support.fem_problems import by_block, loaded_nodes
 from validation import load_case
@@ -80,7 +80,7 @@ def test_what_is_read_and_written_is_read_as_the_same(scene, flavour, tmp_path: 
     """
     path = tmp_path / "deck.inp"
     if (scene, flavour) in REJECTED:
-        words = [word for setting in settings(scene) for word in ("--set", setting)]
+        words = set_words(settings(scene))
         status, _, said = command("export", scene, "-o", str(path), *words, "--flavour", flavour)
         assert (status, REJECTED[scene, flavour] in said) == (2, True), said
         return

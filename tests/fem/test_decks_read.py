@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import json
 import os
 import re
 from dataclasses import replace
@@ -30,7 +29,7 @@ from geometry.parts.regions import region_nodes
 from tests.support.answers import PLAIN
 from tests.support.ccx import calculix_available, run_calculix
 from tests.support.coarse_tubes import coarse
-from tests.support.commands import command
+from tests.support.commands import answered
 from tests.support.cubes_deck import CUBES, changed, changed_lines
 from tests.support.decks import exported, solved, written_again
 from tests.support.fem_problems import loaded_nodes
@@ -163,9 +162,8 @@ def test_a_mesh_that_cannot_bend_is_named(shape, kind, coarse, tmp_path: Path) -
     """Six elements of MacNeal and Harder: trapezoids carry 5 % of the bending, C3D8 9 %."""
     path = tmp_path / "beam.inp"
     path.write_text("\n".join([*beam_lines(shape, kind), ""]), "ascii")
-    status, said, wrong = command("deck", str(path), "--run", "--json", "-")
-    assert status == 0, wrong
-    assert any("mesh: too coarse" in note for note in json.loads(said)["remarks"]) is coarse
+    data, _ = answered("deck", str(path), "--run")
+    assert any("mesh: too coarse" in note for note in data["remarks"]) is coarse
 
 
 def test_a_slender_body_ends_at_the_round_off_of_its_stiffness() -> None:
@@ -210,9 +208,7 @@ def test_large_rotations_that_are_solved_linearly_are_named(tmp_path: Path) -> N
     for pressure, left in ((1.0, False), (50.0, True)):
         body = f"{head}{material}*Boundary{tail.format(pressure)}"
         (tmp_path / "bar.inp").write_text(body, "utf-8")
-        status, said, wrong = command("deck", str(tmp_path / "bar.inp"), "--run", "--json", "-")
-        assert status == 0, wrong
-        data = json.loads(said)
+        data, _ = answered("deck", str(tmp_path / "bar.inp"), "--run")
         notes = data["remarks"]
         assert any("linear in rotations" in note for note in notes)
         turns.append(data["largest_rotation"])

@@ -8,7 +8,7 @@ import pytest
 
 from fem import Explicit, solve_explicit
 from geometry.machine.work import SECONDS, LimitError, Operation
-from tests.support.commands import command
+from tests.support.commands import command, set_words
 from validation import load_case
 
 pytestmark = pytest.mark.quick
@@ -50,7 +50,7 @@ def test_what_needs_more_memory_is_not_started(problem):
 
 def test_the_command_ends_at_its_limit_of_work_with_a_checkpoint(tmp_path):
     settings = {"fem": "{method = 'explicit', end_time = 1e-3, ramp_time = 1e-4}"}
-    sets = [word for key, value in settings.items() for word in ("--set", f"{key}={value}")]
+    sets = set_words(settings)
     written = tmp_path / "answer.json"
     status, out, printed = command(
         *("fem", "column", *sets, "--max-work", "1e-9", "--json", str(written)),

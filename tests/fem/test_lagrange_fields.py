@@ -20,6 +20,7 @@ from geometry.files.mesh_io import write_lagrange_cells
 from geometry.mesh import FloatArray
 from geometry.refinement import charts_of
 from tests.support.blocks import random_rotation
+from tests.support.commands import set_words
 from tests.support.curved_blocks import CONCRETE, block
 
 GRADIENT = 1e-4 * np.array([[1.0, 0.3, -0.2], [0.1, -0.5, 0.4], [0.0, 0.2, 0.7]])
@@ -165,9 +166,7 @@ def test_lagrange_cells_hold_the_volume_of_the_block(degree: int, tmp_path: Path
 
 def test_command_writes_fields_pictures_and_joints(tubelock) -> None:  # type: ignore[no-untyped-def]
     mesh = [f"mesh.{key}" for key in ("around=12", "radial=1", "axial=2")]
-    settings = [
-        word for key in ("assembly.layers=1", "fem.degree=2", *mesh) for word in ("--set", key)
-    ]
+    settings = set_words(("assembly.layers=1", "fem.degree=2", *mesh))
     status, out, _ = tubelock("fem", "tsb1-pipe", *settings, "-o", "curved", "--fields")
     assert status == 0
     written = {path.name for path in Path("curved").iterdir()}

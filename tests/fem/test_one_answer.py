@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import json
-from collections.abc import Callable
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
@@ -41,7 +39,7 @@ from geometry.families.hexagon_block import HexagonBlockDivisions, hexagon_block
 from geometry.refinement import charts_of, with_lines
 from tests.support.answers import PLAIN, by_options
 from tests.support.coarse_tubes import coarse, ring
-from tests.support.commands import ANSWER_FILES
+from tests.support.commands import ANSWER_FILES, answered, set_words
 from tests.support.lagrange_meshes import HEXAGON, WALL, sine
 from tests.support.shapes import SHAPE
 from validation import read_answer
@@ -147,14 +145,11 @@ def test_a_block_is_condensed_on_no_point_too() -> None:
 # Commands
 
 MESH = coarse(1, 4, 2)
-Command = Callable[..., Any]
 
 
-def measured(tubelock: Command, *given: str, more: tuple[str, ...] = ()) -> dict[str, Any]:
-    words = [word for setting in (*MESH, *given) for word in ("--set", setting)]
-    status, _, err = tubelock("fem", "tsb1-pipe", *words, "--json", "fem.json", *more)
-    assert status == 0, err
-    found: dict[str, Any] = json.loads(Path("fem.json").read_text())["measures"]
+def measured(*given: str, more: tuple[str, ...] = ()) -> dict[str, Any]:
+    found: dict[str, Any]
+    found = answered("fem", "tsb1-pipe", *set_words((*MESH, *given)), *more)[0]["measures"]
     return found
 
 
@@ -184,8 +179,8 @@ SAME = (
 def test_frames_and_files_change_no_number(tubelock) -> None:
     """Issue 28: with two frames the same command gave other measures and other error bars."""
     curved = ("fem.degree=2", "mesh.axial=2")
-    expected = measured(tubelock, *curved)
-    found = measured(tubelock, *curved, "fem.frames=2", more=("-o", "out", "--fields"))
+    expected = measured(*curved)
+    found = measured(*curved, "fem.frames=2", more=("-o", "out", "--fields"))
     agree(found, expected)
     assert {*ANSWER_FILES, "joints.csv"} <= {path.name for path in Path("out").iterdir()}
     assert read_answer("out").as_dict()["measures"] == found
@@ -194,9 +189,9 @@ def test_frames_and_files_change_no_number(tubelock) -> None:
 @pytest.mark.slow
 def test_effects_that_vanish_change_no_number(tubelock) -> None:
     small = ("fem.degree=2", "assembly.layers=1", "mesh.axial=2")
-    expected = measured(tubelock, *small)
+    expected = measured(*small)
     for settings_ in SAME:
-        agree(measured(tubelock, *small, *settings_), expected)
+        agree(measured(*small, *settings_), expected)
 
 
 @pytest.mark.slow
@@ -205,15 +200,15 @@ def test_frames_change_no_number_with_friction(tubelock) -> None:
     """The way to the load counts with friction; states on it that are kept do not."""
     rough = ("fem.degree=2", "effects.friction.coefficient=0.3", "fem.load_steps=2")
     small = (*rough, "assembly.layers=1", "mesh.axial=2")
-    expected = measured(tubelock, *small)
-    agree(measured(tubelock, *small, "fem.frames=3", more=("-o", "out")), expected)
+    expected = measured(*small)
+    agree(measured(*small, "fem.frames=3", more=("-o", "out")), expected)
 
 
 @pytest.mark.usefixtures("undrawn")
 def test_frames_change_no_number_where_meshes_are_refined(tubelock) -> None:
     request = ("--accuracy", "u=20%")
-    expected = measured(tubelock, more=request)
-    agree(measured(tubelock, "fem.frames=2", more=(*request, "-o", "out")), expected)
+    expected = measured(more=request)
+    agree(measured("fem.frames=2", more=(*request, "-o", "out")), expected)
 
 
 # ---------------------------------------------------------------------------------------------

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from contextlib import nullcontext
 from pathlib import Path
 
@@ -18,6 +17,7 @@ from geometry.files.hexahedral_solids import file_blocks
 from geometry.files.quadratic import NATURAL
 from geometry.mesh import CORNERS, MeshError, grid_points
 from tests.support.answers import on_its_mesh
+from tests.support.commands import answered
 from tests.support.lagrange_meshes import CURVED, WALL
 from tests.support.own_blocks import own_scene
 
@@ -131,17 +131,16 @@ places = [{{at = [0, 0, 0]}}, {{at = [0, 0, -{HEIGHT}], fixed = true}}]
     assert ("edges" in run.as_dict().get("notes", {})) == (degree == 1)
 
 
-def test_rigid_answers_say_that_edges_are_straight(tubelock, tmp_path: Path) -> None:
+def test_rigid_answers_say_that_edges_are_straight(tmp_path: Path) -> None:
     ring(tmp_path)
     (tmp_path / "own.toml").write_text(
         '[block]\ntype = "mesh"\n[effects]\ngravity = [0, 0, -9810]\n'
         '[[parts]]\nfile = "ring20.vtu"\n'
         f"places = [{{at = [0, 0, 0]}}, {{at = [0, 0, -{HEIGHT}], fixed = true}}]\n"
     )
-    status, out, _ = tubelock("mbd", "own.toml", "--json", "own.json")
-    assert status == 0
+    data, out = answered("mbd", str(tmp_path / "own.toml"))
     assert "straight between corners" in out
-    assert "straight" in json.loads((tmp_path / "own.json").read_text())["notes"]["edges"]
+    assert "straight" in data["notes"]["edges"]
 
 
 def bulged(nodes: np.ndarray, members: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

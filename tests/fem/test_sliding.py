@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import replace
 from pathlib import Path
 
@@ -20,6 +19,7 @@ from geometry.files.mesh_io import write_hex_mesh
 from geometry.loads import face_pressure
 from tests.support.answers import on_its_mesh
 from tests.support.coarse_tubes import coarse, keys
+from tests.support.commands import answered
 from tests.support.explicit_runs import explicit_run
 from tests.support.fem_problems import deformable_assembly, in_contact
 from tests.support.own_blocks import SECTIONS
@@ -69,9 +69,7 @@ def test_rigid_blocks_meet_where_a_search_finds_facets(tubelock) -> None:
         joint = layers == lower
         assert area[joint].sum() == pytest.approx(size, rel=1e-12)
         assert pressure[joint] == pytest.approx(1200.0 / size, rel=1e-9)
-    compared = ("compare", "column-nonmatching", "--no-explicit", "-o", "all", "--json", "c.json")
-    assert tubelock(*compared)[0] == 0
-    data = json.loads(Path("c.json").read_text())
+    data, _ = answered("compare", "column-nonmatching", "--no-explicit", "-o", "all")
     assert data["n_contacts"] == 16 + 15
     for method in ("rigid (force)", "rigid (pressure)"):
         assert data["interface_force_error"][method] < 1e-7
@@ -80,11 +78,8 @@ def test_rigid_blocks_meet_where_a_search_finds_facets(tubelock) -> None:
 
 @pytest.mark.usefixtures("undrawn")
 def test_the_built_in_column_from_the_command_line(tubelock) -> None:
-    files = ("-o", "run", "--fields", "--json", "run.json")
-    status, out, _ = tubelock("fem", "column-nonmatching", *files)
-    assert status == 0
+    data, out = answered("fem", "column-nonmatching", "-o", "run", "--fields")
     assert "finite sliding (non-matching meshes)" in out
-    data = json.loads(Path("run.json").read_text())
     surface = meshio.read("run/contact_pressures.vtu")
     pressure, area = (surface.cell_data[key][0] for key in ("contact_pressure", "area"))
     assert len(pressure) == data["n_contacts"]
@@ -306,9 +301,7 @@ def test_large_motions_are_not_refined(
         f'[block]\ntype = "boxes"\nboxes = [{box}, {box}]\n[load]\npressure = 0.5\n'
         "[contact]\nclearance = 5.0\n"
     )
-    status, out, _ = tubelock("fem", "gap.toml", "--json", "answer.json")
-    assert status == 0
-    answer = json.loads(Path("answer.json").read_text())
+    answer, out = answered("fem", "gap.toml")
     assert answer["large_motion"] == pytest.approx(5.0 / 500000.0 ** (1.0 / 3.0), rel=0.01)
     assert answer["accuracy"]["ended_by"].startswith("the large motion")
     assert answer["accuracy"]["not_reached"]

@@ -6,7 +6,6 @@ import json
 import math
 from collections.abc import Callable
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -21,6 +20,7 @@ from geometry.machine.work import LimitError
 from tests.fixtures.commands import small_meshes
 from tests.support.answers import PLAIN
 from tests.support.coarse_tubes import coarse, ring
+from tests.support.commands import answered, set_words
 
 TUBE = coarse(2, 2)
 
@@ -73,13 +73,10 @@ def test_tension_is_round_off_beside_other_stresses_not_beside_forces() -> None:
 
 
 @pytest.mark.quick
-def test_a_linear_body_cracks_in_proportion(tubelock) -> None:
+def test_a_linear_body_cracks_in_proportion() -> None:
     words = ("mesh.divisions=[8,2,2]", "fem.method='static'", "fem.degree=2")
     words = (*words, "material.tensile_strength=3", "fem.error_estimate=false")
-    args = [w for s in words for w in ("--set", s)]
-    status, out, _ = tubelock("fem", "cantilever", *args, "--json", "a.json")
-    assert status == 0
-    found = json.loads(Path("a.json").read_text())
+    found, out = answered("fem", "cantilever", *set_words(words))
     stress = found["measures"]["sigma_1_averaged"]
     factor = found["measures"]["cracking_factor"]
     assert factor["value"] == pytest.approx(3.0 / stress["value"], rel=1e-9)
@@ -102,12 +99,10 @@ def test_the_scaled_load_reaches_the_strength() -> None:
 
 
 @pytest.mark.quick
-def test_rigid_contacts_crush_in_proportion(tubelock) -> None:
+def test_rigid_contacts_crush_in_proportion() -> None:
     words = (*TUBE, "material.compressive_strength=30")
-    args = [w for s in words for w in ("--set", s)]
-    status, out, _ = tubelock("mbd", "tsb1-pipe", *args, "--json", "a.json")
-    assert status == 0
-    found = json.loads(Path("a.json").read_text())["measures"]
+    data, out = answered("mbd", "tsb1-pipe", *set_words(words))
+    found = data["measures"]
     peak = found["p_max_facet"]["value"]
     assert found["crushing_factor"]["value"] == pytest.approx(30.0 / peak, rel=1e-12)
     words = "by mean pressures of facets of rigid blocks, without peaks"

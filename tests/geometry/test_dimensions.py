@@ -15,6 +15,7 @@ from geometry.files.hexahedral_solids import with_hexahedra
 from geometry.parts.dimensions import dimensions, least_wall
 from geometry.polyhedra.polyhedron import Polyhedron
 from tests.support.coarse_tubes import coarse
+from tests.support.commands import set_words
 
 
 @pytest.mark.quick
@@ -97,7 +98,7 @@ def test_faces_that_meet_at_an_edge_are_no_wall(angle: float) -> None:
 
 def test_limits_are_compared_and_counted(tubelock) -> None:
     small = coarse(1, 2)
-    words = [w for s in (*small, "limits.least_wall=50") for w in ("--set", s)]
+    words = set_words((*small, "limits.least_wall=50"))
     status, out, _ = tubelock("mbd", "tsb1-pipe", *words)
     assert status == 0
     assert "TOO THIN, limits.least_wall is 50 mm" in out

@@ -20,7 +20,7 @@ from mbd.equilibrium import frictional_equilibrium, newton_equilibrium
 from mbd.limits.force_range import ForceRanges, force_ranges
 from mbd.limits.plane import in_space, reduced
 from mbd.options import FrictionLaw
-from tests.support.commands import command
+from tests.support.commands import answered
 from tests.verification.closed_forms import body_force
 
 pytestmark = pytest.mark.quick
@@ -207,8 +207,6 @@ def test_no_admissible_state_has_no_ranges() -> None:
 
 
 def test_scene_answers_with_ranges_and_sliding(tmp_path: Path) -> None:
-    import json
-
     scene = tmp_path / "wall.toml"
     scene.write_text(
         '[block]\ntype = "wall"\nsize = [200, 100, 80]\n[assembly]\ncolumns = 2\nrows = 2\n'
@@ -216,10 +214,7 @@ def test_scene_answers_with_ranges_and_sliding(tmp_path: Path) -> None:
         "[effects.friction]\ncoefficient = 0.6\n"
         "[rigid]\ncollapse = true\nsliding = true\nranges = true\n"
     )
-    answer = tmp_path / "answer.json"
-    status, out, err = command("mbd", str(scene), "--json", str(answer))
-    assert status == 0, err
-    data = json.loads(answer.read_text())
+    data, out = answered("mbd", str(scene))
     assert "statically indeterminate in" in out
     joints = data["ranges"]["joints"]
     assert data["ranges"]["undetermined"] > 0

@@ -13,7 +13,7 @@ from fem import Problem, concrete
 from geometry import Assembly, convex_polyhedron
 from mbd import analyse
 from mbd.results.parts import EdgesAndCorners
-from tests.support.commands import command
+from tests.support.commands import command, set_words
 from tests.support.rubbing import KINDS, balances, drawn, less_with_more
 
 SAYS = "held by edges and corners alone: faces alone do not carry"
@@ -106,7 +106,7 @@ def test_a_limit_load_where_the_dead_load_falls_is_none_with_the_whole_verdict(
 ) -> None:
     """The arch is thinner than 0.1075 of its radius; the live load changes nothing."""
     words = ["block.thickness=90.0", "rigid.collapse=true", "load.acceleration=[98.1,0,0]"]
-    settings = [part for word in words for part in ("--set", word)]
+    settings = set_words(words)
     status, out, err = command("mbd", "arch", *settings, "-o", str(tmp_path))
     assert status == 0, err
     assert "not carried with friction" in out

@@ -26,7 +26,7 @@ from mbd.equilibrium import frictional_equilibrium
 from tests.support.answers import on_its_mesh
 from tests.support.arch import ARCH, arch_run
 from tests.support.assemblies import dovetail
-from tests.support.commands import command
+from tests.support.commands import command, set_words
 from tests.support.dome import voussoirs
 from tests.support.own_blocks import column
 from tests.support.rubbing import KINDS, drawn
@@ -132,7 +132,7 @@ def test_only_a_row_of_blocks_has_a_line() -> None:
 
 
 def written_contacts(folder: Path, friction: float) -> meshio.Mesh:
-    settings = [w for s in (*ARCH, f"effects.friction={friction}") for w in ("--set", s)]
+    settings = set_words((*ARCH, f"effects.friction={friction}"))
     status, _, said = command("mbd", "arch", *settings, "--fields", "-o", str(folder))
     assert status == 0, said
     return meshio.read(folder / "contacts.vtu")

@@ -15,6 +15,7 @@ from PIL import Image
 
 from geometry import Assembly, RefusedError, box_block
 from tests.support.answers import on_its_mesh
+from tests.support.commands import set_words
 from validation import load_case, solve
 from validation.output.pictures import assemblies, scales, tubes
 from validation.output.pictures import canvas as drawing
@@ -294,7 +295,7 @@ def test_keys_of_pictures_are_ignored_where_none_is_drawn(tubelock) -> None:
 
 
 def _set(settings: tuple[str, ...]) -> list[str]:
-    return [word for setting in settings for word in ("--set", setting)]
+    return set_words(settings)
 
 
 def test_too_few_addresses_for_pictures_are_one_line(monkeypatch: pytest.MonkeyPatch) -> None:

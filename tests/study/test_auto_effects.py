@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from geometry import Answer
 from tests.support.answers import on_its_mesh
 from tests.support.coarse_tubes import coarse
-from tests.support.commands import command
+from tests.support.commands import command, set_words
 from validation import Case, InputError, compare, load_case
 from validation.study.comparison.scene import compared_runs
 from validation.study.effects.auto import EffectsDecision, decide_effects, require_wider
@@ -198,7 +198,7 @@ def test_no_bar_is_promised_below_what_left_out_effects_change(
 def decision_of_command(path: Path, *words: str) -> tuple[dict[str, Any], str]:
     """What `tubelock fem` writes of its decision into a file, and what it prints."""
     once = ("fem.mesh=scene", "fem.error_estimate=false")
-    stated = [word for setting in once for word in ("--set", setting)]
+    stated = set_words(once)
     status, out, _ = command("fem", "tsb1-pipe", *stated, *words, "--json", str(path))
     assert status == 0
     return json.loads(path.read_text("utf-8"))["effects_decision"], out

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import contextlib
 import io
+import json
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from functools import cache
 from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
@@ -40,6 +41,21 @@ def command(*words: str) -> tuple[int, str, str]:
         except SystemExit as stop:
             status = int(stop.code or 0)
     return status, _text(out), _text(err)
+
+
+def set_words(settings: Iterable[str] | Mapping[str, Any]) -> list[str]:
+    """Words of a command that state settings."""
+    if isinstance(settings, Mapping):
+        settings = [f"{key}={value}" for key, value in settings.items()]
+    return [word for setting in settings for word in ("--set", setting)]
+
+
+def answered(*words: str) -> tuple[dict[str, Any], str]:
+    """Data that ``tubelock WORDS`` writes as JSON, and the text that it prints beside them."""
+    status, out, said = command(*words, "--json", "-")
+    assert status == 0, said
+    data: dict[str, Any] = json.loads(out)
+    return data, said
 
 
 def rejected(

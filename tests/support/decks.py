@@ -10,7 +10,7 @@ from fem.decks.deck import Flavour
 from fem.decks.problem import deck_lines, problem_deck
 from fem.decks.read.deck import InputDeck
 from geometry import Answer
-from tests.support.commands import command
+from tests.support.commands import command, set_words
 
 
 def exported(
@@ -18,7 +18,7 @@ def exported(
 ) -> Path:
     """The deck that ``tubelock export`` writes."""
     words = ["export", str(scene), "-o", str(path)]
-    words += [word for setting in settings for word in ("--set", setting)]
+    words += set_words(settings)
     words += [] if flavour is None else ["--flavour", flavour]
     status, _, said = command(*words)
     assert status == 0, said
