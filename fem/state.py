@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property, wraps
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 
@@ -35,6 +35,10 @@ class Evidence(ReadOnlyArrays):
     """Norm of the unbalanced forces over norm of the loads after each iteration [-]."""
     converged: bool = False
     """Whether the residual reached the tolerance."""
+    frictional_dissipation: float = 0.0
+    """Work lost in sliding on the way, zero without friction [N mm]. What slides in a load step
+    does so at the limit, which counts with the mean of the pressures at its ends: with few load
+    steps too much, by about a tenth with four."""
     stopped: float | None = None
     """Time of the first step of a motion without an equilibrium [s]; None: all have one."""
     status: str = ""
@@ -76,9 +80,6 @@ class State(ReadOnlyArrays):
     friction: FloatArray | None = None
     """On block s at the points of the system, world axes, (n_facets, n_points, 3) [MPa]; None
     without friction."""
-    anchor: FloatArray | None = None
-    """Slips without traction at these points, (n_facets, n_points, 0 or 2) [mm]: friction of the
-    next point of the path begins there. None of an explicit run."""
     support_force: FloatArray | None = None
     """Of the supports on the nodes, (n_nodes, 3) [N]; None where nothing is held."""
     contact_force: FloatArray | None = None
@@ -88,16 +89,10 @@ class State(ReadOnlyArrays):
     """Share of the path of the loads."""
     time: float | None = None
     """Of an explicit run or of supports that move [s]; None: these went all their way."""
-    frictional_dissipation: float = 0.0
-    """Work lost in sliding, zero without friction, of a static state [N mm]. What slides in a load
-    step does so at the limit, which counts with the mean of the pressures at its ends: with few
-    load steps too much, by about a tenth with four."""
     evidence: Evidence = field(default_factory=Evidence)
     """How a static state was found."""
     run: Run | None = None
     """The explicit run that ended here; None for a static state."""
-    known: dict[str, Any] = field(default_factory=dict, init=False, repr=False, compare=False)
-    """What `once` has computed of this state, by the name of the function."""
 
     @property
     def whole(self) -> System:
@@ -119,27 +114,12 @@ class State(ReadOnlyArrays):
         """Unbalanced over applied force [-]; None where an explicit run did not watch it."""
         return self.evidence.residual if self.run is None else self.run.residual
 
-    @property
-    def converged(self) -> bool:
-        """Whether a static state is an equilibrium."""
-        return self.evidence.converged
-
     # ---- arrays of all blocks
 
     @cached_property
     def displacements(self) -> tuple[FloatArray, ...]:
         """Of each body, (n_copies, n_nodes_of_a_block, 3) [mm]."""
         return tuple(self.system.expand(self.displacement))
-
-    @property
-    def velocities(self) -> tuple[FloatArray, ...]:
-        """Of each body, alike [mm/s]; () of a static state."""
-        return () if self.velocity is None else tuple(self.system.expand(self.velocity))
-
-    @cached_property
-    def nodal_displacements(self) -> FloatArray:
-        """Of all nodes, body after body (`System.block_of_node`), (n_nodes, 3) [mm]."""
-        return np.concatenate([u.reshape(-1, 3) for u in self.displacements])
 
     def displacement_of(self, block: int) -> FloatArray:
         """Of the nodes of a block that deforms, (n_nodes, 3) [mm]."""
@@ -205,9 +185,10 @@ def once(function: Callable[[State], _T]) -> Callable[[State], _T]:
 
     @wraps(function)
     def kept(state: State) -> _T:
-        if name not in state.known:
-            state.known[name] = read_only(function(state))
-        value: _T = state.known[name]
+        found = vars(state)
+        if name not in found:
+            found[name] = read_only(function(state))
+        value: _T = found[name]
         return value
 
     return kept

@@ -157,7 +157,7 @@ def _fields(state: State) -> Lazy[Array]:
 
     return Lazy(
         {
-            "displacement": lambda: state.nodal_displacements,
+            "displacement": lambda: np.concatenate([u.reshape(-1, 3) for u in state.displacements]),
             "stress": stress,
             "principal_stress": principal,
             "mises": lambda: von_mises(principal()),

@@ -140,7 +140,7 @@ def energies_of(state: State) -> dict[str, float] | None:
             "strain_energy": strain_energy(state),
             "contact_energy": contact_energy(state),
             "external_work": external_work(state),
-            "frictional_dissipation": state.frictional_dissipation,
+            "frictional_dissipation": state.evidence.frictional_dissipation,
         }
     last = state.run.energies
     if last is None:
@@ -177,7 +177,7 @@ def external_work(state: State) -> float:
     if not state.whole.meets:
         return 0.5 * load_work(state)
     stored = strain_energy(state) + contact_energy(state)
-    return stored + state.frictional_dissipation - _at_rest(state)
+    return stored + state.evidence.frictional_dissipation - _at_rest(state)
 
 
 def _at_rest(state: State) -> float:
@@ -185,7 +185,7 @@ def _at_rest(state: State) -> float:
     if state.whole.surfaces.clearance < 0.0:
         return 0.0
     start = np.zeros_like(state.displacement)
-    return contact_energy(replace(state, displacement=start, friction=None, anchor=None))
+    return contact_energy(replace(state, displacement=start, friction=None))
 
 
 def work_of_motion(state: State) -> float | None:

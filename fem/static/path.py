@@ -85,12 +85,10 @@ class _Place:
             system=system,
             displacement=displacement,
             friction=frictions(problem, last),
-            anchor=last.slid.anchor,
             support_force=support_forces(problem, last) if len(system.held.nodes) else None,
             load_factor=last.point.factor,
             time=last.point.time,
-            frictional_dissipation=last.slid.dissipation,
-            evidence=Evidence(residuals=last.residuals, converged=last.converged),
+            evidence=Evidence(last.residuals, last.converged, last.slid.dissipation),
         )
 
 

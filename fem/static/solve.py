@@ -107,9 +107,9 @@ def static_state(
         if near:
             with contextlib.suppress(StaticError):
                 result = _followed(stages, once, start, store, known=tuple(near.items()))
-        if result is None or not result.converged:
+        if result is None or not result.evidence.converged:
             result = _followed(stages, once, start, store)
-        if doubles and not before and result.converged:
+        if doubles and not before and result.evidence.converged:
             path = (*result.evidence.path, result)
             near.update({one.load_factor: one.displacements for one in path})
         return result
@@ -118,7 +118,7 @@ def static_state(
         state = doubled(in_parts, options.load_steps, options.load_tolerance)
     else:
         state = in_parts(options.load_steps)
-    if not state.converged:
+    if not state.evidence.converged:
         raise StaticError(state.evidence.status)
     return state
 
@@ -161,14 +161,16 @@ def doubled(solve: Callable[[int], State], parts: int, tolerance: float) -> Stat
             return known
         # More than asked for where so few had no equilibrium.
         parts = max(parts, fine.evidence.load_steps)
-        enough = known is not None and fine.converged and path_change(known, fine) <= tolerance
+        enough = (
+            known is not None and fine.evidence.converged and path_change(known, fine) <= tolerance
+        )
         if enough or 2 * parts > MOST_PARTS:
             break
-        known = fine if fine.converged else known
+        known = fine if fine.evidence.converged else known
         parts *= 2
     if known is None:
         return fine
-    if not fine.converged:
+    if not fine.evidence.converged:
         return known
     fine.evidence.coarser = known
     return fine
@@ -200,7 +202,7 @@ def _followed(
     path = points_of(several or [first], options)
     found = follow(problem, begin, path, stages=several, known=known, search=search)
     more = options.load_steps < _FALLBACK_LOAD_STEPS
-    if more and not options.once and not found[-1].converged:
+    if more and not options.once and not found[-1].evidence.converged:
         options = replace(options, load_steps=_FALLBACK_LOAD_STEPS)
         problem, begin, search = _beginning(first, options, store, start)
         begin = replace(begin, residuals=found[-1].evidence.residuals)
@@ -300,7 +302,7 @@ def _closer(once: list[State], in_parts: list[State]) -> list[State]:
     first, last = once[-1], in_parts[-1]
     before, after = first.evidence.residuals, last.evidence.residuals
     whole = (last.load_factor, last.time) == (first.load_factor, first.time)
-    if last.converged or (whole and after[-1] <= before[-1]):
+    if last.evidence.converged or (whole and after[-1] <= before[-1]):
         return in_parts
     tried = replace(first.evidence, residuals=(*after, before[-1]))
     return [*once[:-1], replace(first, evidence=tried)]
@@ -338,9 +340,9 @@ def _status(state: State, options: StaticOptions) -> str:
             f"equilibrium while supports moved until {state.time:.4g} s of their tables "
             f"({_ways(state)}); none was found at {evidence.stopped:.4g} s{unheld}"
         )
-    if state.converged and not state.whole.meets:
+    if evidence.converged and not state.whole.meets:
         return f"equilibrium of single bodies, residual {residual:.1e}"
-    if state.converged:
+    if evidence.converged:
         undetermined = ": their place is not determined" if len(loose) else ""
         return (
             f"equilibrium after {count} iterations, residual {residual:.1e}{unheld}{undetermined}"

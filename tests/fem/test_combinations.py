@@ -63,7 +63,7 @@ def test_friction_that_closes_a_clearance_is_loaded_in_steps() -> None:
     assert gap.details.evidence.load_steps > 1
     one = on_its_mesh(scene_of(*pillar, "fem.load_steps=1", case="tsb1-pillar"), method="static")
     # Slip that nothing resisted dissipates nothing: finer loading loses less.
-    lost = [run.details.frictional_dissipation for run in (gap, one)]
+    lost = [run.details.evidence.frictional_dissipation for run in (gap, one)]
     assert lost[0] < 0.5 * lost[1]
     plain = on_its_mesh(scene_of("contact.clearance=0.05"), method="static")
     assert plain.details.evidence.load_steps == 1

@@ -78,7 +78,9 @@ def test_interrupted_run_continues_to_the_same_bits(tmp_path, effects):
     second = explicit_run(model, resume=file, **options)
     assert second.run.status is Status.FINISHED
     np.testing.assert_array_equal(second.displacements[0], whole.displacements[0])
-    np.testing.assert_array_equal(second.velocities[0], whole.velocities[0])
+    np.testing.assert_array_equal(
+        second.system.expand(second.velocity)[0], whole.system.expand(whole.velocity)[0]
+    )
     np.testing.assert_array_equal(second.run.history.table(), whole.run.history.table())
     assert second.run.energy_balance == whole.run.energy_balance
 

@@ -45,8 +45,8 @@ def test_parts_are_doubled_until_the_answer_stays():
     assert left <= abs(found.pressures.max() - coarse.pressures.max())
     # Work lost counts with the mean of both ends of a step. That is of second order: halving the
     # steps takes away less than half of it, where the traction at the end alone takes a half.
-    assert fine.frictional_dissipation < found.frictional_dissipation
-    assert found.frictional_dissipation < 2.0 * fine.frictional_dissipation
+    assert fine.evidence.frictional_dissipation < found.evidence.frictional_dissipation
+    assert found.evidence.frictional_dissipation < 2.0 * fine.evidence.frictional_dissipation
     plain = static_state(pipe(), StaticOptions(load_tolerance=LOAD_TOLERANCE))
     assert plain.evidence.coarser is None
     assert plain.evidence.load_steps == 1
@@ -65,7 +65,9 @@ def test_states_that_are_nearly_known_are_no_history():
     assert found.evidence.load_steps == direct.evidence.load_steps
     moved = direct.displacements[0]
     assert np.abs(found.displacements[0] - moved).max() < 1e-7 * np.abs(moved).max()
-    assert found.frictional_dissipation == pytest.approx(direct.frictional_dissipation, rel=1e-6)
+    assert found.evidence.frictional_dissipation == pytest.approx(
+        direct.evidence.frictional_dissipation, rel=1e-6
+    )
 
 
 def test_the_finest_parts_that_converge_are_the_answer():
@@ -73,7 +75,7 @@ def test_the_finest_parts_that_converge_are_the_answer():
     good = static_state(sheared_column(0.2, CoulombFriction(0.3)))
     bad = replace(good, evidence=replace(good.evidence, converged=False))
     found = doubled({1: bad, 2: good, 4: good}.__getitem__, 1, 0.1)
-    assert found.converged
+    assert found.evidence.converged
     assert found.evidence.coarser is good
     assert doubled(lambda parts: good if parts == 1 else bad, 1, 0.1) is good
     assert doubled(lambda parts: good if parts == MOST_PARTS else bad, 1, 0.1) is good
@@ -101,7 +103,7 @@ def test_much_friction_converges_in_every_load_step():
     """Limits that follow the pressures at once swing for ever with a coefficient of 0.6, at a
     residual of a tenth."""
     found = static_state(pipe(friction=CoulombFriction(0.6)), StaticOptions(once=True))
-    assert found.converged
+    assert found.evidence.converged
 
 
 def test_what_sticks_does_not_remember_the_way():
@@ -113,7 +115,7 @@ def test_what_sticks_does_not_remember_the_way():
     back = static_state(last, TIGHT, before=[past])
     moved = direct.displacements[0]
     assert np.abs(back.displacements[0] - moved).max() < 1e-7 * np.abs(moved).max()
-    assert back.frictional_dissipation == direct.frictional_dissipation == 0.0
+    assert back.evidence.frictional_dissipation == direct.evidence.frictional_dissipation == 0.0
 
 
 def test_what_slid_stays_behind_the_load():
@@ -125,7 +127,7 @@ def test_what_slid_stays_behind_the_load():
     past = sheared_column(0.285, friction, pressure=0.103)
     back = static_state(model, TIGHT, before=[past])
     assert back.displacements[0][0][:, 0].mean() > direct.displacements[0][0][:, 0].mean()
-    assert back.frictional_dissipation > direct.frictional_dissipation > 0.0
+    assert back.evidence.frictional_dissipation > direct.evidence.frictional_dissipation > 0.0
 
 
 @pytest.mark.parametrize("searched", [False, True], ids=["matched", "searched"])
@@ -140,7 +142,9 @@ def test_a_stage_that_is_cut_in_two_goes_on_with_its_slips(searched):
     )
     moved = whole.displacements[0]
     assert np.abs(cut.displacements[0] - moved).max() < 1e-7 * np.abs(moved).max()
-    assert cut.frictional_dissipation == pytest.approx(whole.frictional_dissipation, rel=1e-6)
+    assert cut.evidence.frictional_dissipation == pytest.approx(
+        whole.evidence.frictional_dissipation, rel=1e-6
+    )
     straight = static_state(stages[-1], replace(TIGHT, load_steps=10)).displacements[0]
     assert np.abs(moved - straight).max() > 1e-2 * np.abs(moved).max()
 

@@ -328,7 +328,7 @@ def test_built_in_panels_stand_under_their_weight(
     stated = (f"effects.friction.coefficient={friction}", "fem.degree=1", "fem.load_steps=1")
     found = on_its_mesh(family, (*size, *stated), method="static").details
     assert found is not None
-    assert found.converged
+    assert found.evidence.converged
     assert found.residual <= 1e-8
 
 

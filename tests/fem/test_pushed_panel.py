@@ -108,7 +108,7 @@ def test_no_force_is_larger_than_the_rigid_limit(pressed: Pushed, rigid: Answer)
     the one as built: blocks of 60 mm that move by 0.12 mm turn its faces by no more than 0.2 %."""
     limit = rigid.parts["push_limit"].associated.factor
     assert np.isfinite(limit)
-    assert pressed.result.converged
+    assert pressed.result.evidence.converged
     assert pressed.curve.displacements[-1] == pytest.approx(0.12, rel=1e-12)
     assert pressed.curve.peak[0] <= 1.002 * limit
 
@@ -144,7 +144,7 @@ def test_steps_far_longer_than_the_contact_law_are_taken() -> None:
     starts where the one before leads to, the first from shorter ones. The push of a block that
     nothing presses stays below a hundredth of that between the side forces."""
     far = pushed(ringed("mesh.divisions=1", "load.push.distance=2", "fem.motion_steps=2"))
-    assert far.result.converged
+    assert far.result.evidence.converged
     assert far.curve.displacements[-1] == pytest.approx(2.0, rel=1e-12)
     assert 0.0 < far.curve.peak[0] < 0.01 * 4800.0
 
@@ -174,7 +174,7 @@ def test_a_push_that_meets_nothing_has_a_curve_of_no_force(clearance: float, fre
     loose = panel("mesh.divisions=1", "load.push.distance=2", "fem.motion_steps=2")
     loose = loose.changed({"contact.clearance": clearance})
     found = pushed(without_pressure(loose, freed=freed))
-    assert found.result.converged
+    assert found.result.evidence.converged
     assert found.curve.displacements[-1] == pytest.approx(2.0, rel=1e-12)
     assert not found.curve.forces.any()
     assert found.curve.free_after == 0.0

@@ -97,7 +97,7 @@ def converges_fast(result):
     """Near the equilibrium each iteration of Newton's method leaves less than a tenth of the
     residual. The whole tangent squares it; without a part of it a share is left."""
     near = [(a, b) for a, b in pairwise(result.evidence.residuals) if 1e-8 < a < 1e-3]
-    return result.converged and all(after < 0.1 * before for before, after in near)
+    return result.evidence.converged and all(after < 0.1 * before for before, after in near)
 
 
 def test_values_of_the_tube_with_960_elements_a_block():

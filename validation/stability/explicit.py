@@ -166,7 +166,8 @@ def rotation_360() -> CaseVerdict:
     spin = 2.0 * np.pi / period
     turns = (np.cross([0.0, 0.0, spin], arm)[None],)
     state, result = ended(model.until(period, velocities=turns))
-    moved, velocity = state.displacements[0][0], state.velocities[0][0]
+    assert state.velocity is not None
+    moved, velocity = state.displacements[0][0], state.system.expand(state.velocity)[0][0]
     end = arm + moved - 0.5 * result.time_step * velocity
     before, after = (
         np.einsum("n,ni->i", group.lumped_mass, np.cross(x, v))
