@@ -135,8 +135,9 @@ def problem_of(
     grids = structured_blocks(system.whole, options)
     if grids is not None:
         from fem.static.linear_step.grid import GridStep
+        from fem.static.linear_step.grid_pairs import GridPairStep
 
-        step = GridStep(system, grids, near)
+        step = GridPairStep(system, grids, store) if friction else GridStep(system, grids, near)
     elif whole or (in_displacements and not is_smaller(system)):
         step = SparseStep(system, options.sparse_solver)
     elif in_displacements:

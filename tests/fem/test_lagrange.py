@@ -16,7 +16,7 @@ from fem.element.functions import (
 from fem.element.kinds import block_internal_force, block_stiffness
 from fem.element.lagrange import Lagrange, LagrangeMesh, adjugates, with_degree
 from fem.static.linear_step.columns import alike_lengths, flexible_block
-from fem.static.linear_step.grid_block import GridBlock, grid_block
+from fem.static.linear_step.grid_block import GridBlock, NodeFlexibility, grid_block
 from fem.system.body import placed_body
 from geometry import pipe
 from geometry.mesh import FloatArray, MeshError, boundary_quads
@@ -200,6 +200,31 @@ def test_alike_columns_are_found() -> None:
     """Quarter waves of two elements, three of them, half a block; nothing in five elements."""
     assert alike_lengths(grid_of(2, (24, 1, 1)).columns) == [2, 6, 12, 24]
     assert alike_lengths(grid_of(2, (5, 1, 1)).columns) == [5]
+
+
+@pytest.mark.parametrize("counts", [(5, 2, 1), (12, 1, 2)])
+def test_forces_on_nodes_of_the_sides_answer_as_forces_on_all_nodes(
+    counts: tuple[int, int, int],
+) -> None:
+    """Substitution in the columns moves every node: its answer at the sides is the flexibility's.
+
+    Forces turn with each copy of a column here; those along normals do not.
+    """
+    grid = grid_of(2, counts)
+    chosen = np.random.default_rng(1).permutation(np.unique(grid.side_nodes))[:40]
+    flexible = NodeFlexibility(grid, grid.numbers.ravel()[chosen])
+    rigid = flexible.rigid
+    forces = np.random.default_rng(2).standard_normal(len(rigid))
+    forces -= rigid @ np.linalg.lstsq(rigid, forces)[0]
+    on_mesh = np.zeros((grid.numbers.size, 3))
+    on_mesh.ravel()[flexible.degrees_of_freedom] = forces
+    order = grid.numbers.ravel()
+    moved = np.empty_like(on_mesh)
+    moved[order] = flexible.displacements(on_mesh[order][None])[0]
+    expected = moved.ravel()[flexible.degrees_of_freedom]
+    found = flexible.inverse @ forces
+    assert flexible.degrees_of_freedom[::3].tolist() == sorted(3 * order[chosen])
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-9 * np.abs(expected).max())
 
 
 def test_an_element_that_folds_is_refused() -> None:

@@ -48,9 +48,11 @@ class ColumnBlock:
     """Stiffness matrices of elements from their nodes, (m, n, 3) to (m, 3 n, 3 n) [N/mm]."""
     rows: csr_array
     """B: points of the lower and upper face, each quad by quad with the second direction faster,
-    points of a quad likewise; then any points of both ends. Each row is full on its quad."""
+    points of a quad likewise; then any points of both ends."""
     per_line: int
     """Points of a quad along an edge."""
+    vectors: bool = False
+    """Whether a point has three rows, its displacement along the axes; else one, along a normal."""
 
     @property
     def counts(self) -> tuple[int, int, int]:
@@ -60,9 +62,8 @@ class ColumnBlock:
 
     @property
     def n_beside(self) -> int:
-        """Points of the lower and upper faces."""
-        n_1, n_2, _ = self.counts
-        return 2 * n_1 * n_2 * self.per_line**2
+        """Rows of the lower and upper faces."""
+        return self.point_grid(self.counts[1]).size
 
     def node_grid(self, columns: int) -> IntArray:
         """Numbers of the nodes of the first columns."""
@@ -71,8 +72,8 @@ class ColumnBlock:
         return np.arange(n_1 * n_2 * n_3).reshape(n_1, n_2, n_3)
 
     def point_grid(self, columns: int) -> IntArray:
-        """Numbers of the points of the first columns: face, quads and points in two directions."""
-        shape = (2, self.counts[0], columns, self.per_line, self.per_line)
+        """Rows of the first columns: face, quads and points in two directions, components."""
+        shape = (2, self.counts[0], columns, self.per_line, self.per_line, 1 + 2 * self.vectors)
         return np.arange(int(np.prod(shape))).reshape(shape)
 
 
@@ -182,7 +183,8 @@ class FlexibleBlock:
 def flexible_block(block: ColumnBlock, asked: BoolArray, rigid: FloatArray) -> FlexibleBlock:
     """Eliminate all nodes of a block and keep the flexibility between points that are asked for.
 
-    ``asked`` is (n_points,), ``rigid`` the rigid motions of the nodes, (3 n_nodes, 6).
+    ``asked`` is (n_rows,), all or none of a point that has three; ``rigid`` the rigid motions of
+    the nodes, (3 n_nodes, 6).
     """
     column, fronts = _parts(block, alike_lengths(block), asked[: block.n_beside])
     steps, last = list(column.steps), len(fronts)
@@ -296,11 +298,22 @@ def _parts(
     assert copies is not None
     needed = np.any([wanted[copy.points] for copy in copies], axis=0)
     shorter, own = _condensed(block, lengths[:-1], needed)
-    fronts = [_placed(own, copy, shorter, wanted, k) for k, copy in enumerate(copies)]
+    fronts = [
+        _placed(own, copy, shorter, wanted, k, vectors=block.vectors)
+        for k, copy in enumerate(copies)
+    ]
     return _Column(nodes.size, planes, copies, shorter, ()), fronts
 
 
-def _placed(front: _Front, copy: _Copy, shorter: _Column, wanted: BoolArray, number: int) -> _Front:
+def _placed(
+    front: _Front,
+    copy: _Copy,
+    shorter: _Column,
+    wanted: BoolArray,
+    number: int,
+    *,
+    vectors: bool,
+) -> _Front:
     """The front of the copy of a number in a longer column, its nodes ascending in each plane."""
     n = len(shorter.planes)
     places = copy.nodes[shorter.planes].reshape(2, -1)
@@ -314,7 +327,7 @@ def _placed(front: _Front, copy: _Copy, shorter: _Column, wanted: BoolArray, num
     same = np.array_equal(take, np.arange(len(front.matrix)))
     matrix = front.matrix if same else front.matrix[np.ix_(take, take)]
     if not np.allclose(copy.turn, np.eye(3), rtol=0.0, atol=1e-14):
-        matrix = _turned(matrix, copy.turn, n)
+        matrix = _turned(matrix, copy.turn, len(matrix) // 3 if vectors else n)
     flat = places.ravel()
     planes = {number: _unknowns(flat[one]), number + 1: _unknowns(flat[other])}
     return _Front(planes, numbers[kept], matrix)

@@ -18,6 +18,7 @@ import hashlib
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any, TypeVar
 
 import numpy as np
 import scipy.linalg
@@ -363,6 +364,9 @@ def flexibility_of(
     return Flexibility(condensed, stiffness, free, inverse, rigid)
 
 
+Kind = TypeVar("Kind")
+
+
 class FlexibilityStore:
     """Keeps the flexibilities of one problem for the next one on the same blocks.
 
@@ -371,18 +375,19 @@ class FlexibilityStore:
     """
 
     def __init__(self) -> None:
-        self._kept: dict[bytes, Flexibility] = {}
+        self._kept: dict[bytes, Any] = {}
         self._condensed: dict[bytes, CondensedBlock] = {}
 
     def keep(self, keys: set[bytes]) -> None:
         """Let go of all others."""
         self._kept = {key: result for key, result in self._kept.items() if key in keys}
 
-    def get(self, key: bytes, make: Callable[[], Flexibility]) -> Flexibility:
+    def get(self, key: bytes, make: Callable[[], Kind]) -> Kind:
         """Return the flexibility of a key, made if there is none."""
         if key not in self._kept:
             self._kept[key] = make()
-        return self._kept[key]
+        kept: Kind = self._kept[key]
+        return kept
 
     def condensed(self, body: Body, nodes: IntArray) -> CondensedBlock:
         """Return a block condensed on nodes (n,), sorted, and on those it was before."""

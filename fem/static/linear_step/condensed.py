@@ -21,80 +21,52 @@ and unknown are the displacements between these (`fem.static.linear_step.pairs`)
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterator
-from dataclasses import dataclass, replace
 from functools import partial
-from itertools import pairwise
 
 import numpy as np
 import numpy.typing as npt
-from scipy.sparse import csc_array, csr_array
+from scipy.sparse import csr_array
 
 from fem.contact.search import SearchedPoints
-from fem.static.linear_step.block_tridiagonal import (
-    Chain,
-    ChainFactor,
-    Level,
-    LevelPoints,
-    Rows,
-    UnresistedMotionError,
-    add_block,
-    factor_chain,
-)
 from fem.static.linear_step.condensation import (
     Flexibility,
     FlexibilityStore,
-    UnheldBlocksError,
     condense,
     content_of,
     flexibility_of,
 )
+from fem.static.linear_step.dense_rows import DenseRows, Factored, OwnRows
 from fem.static.linear_step.linearisation import Linearisation, RetainedNodes
-from fem.static.linear_step.pairs import NodePairs
-from fem.static.linear_step.row_laws import Bound, PairLaw, PointLaw, point_law
 from fem.system.system import NodalInverse, Sector, at_share
-from geometry.machine.work import Operation, count, hold_memory, require_memory
 from geometry.mesh import FloatArray, IntArray
 
-#: Points count as open when their stiffness is below this share of that at first touch: their
-#: pressure is far below rounding of any other, while their flexibility would drown the rest.
-_LEAST_STIFFNESS = 1e-12
 
-#: A large prime: sums of a few multiples of it seldom agree.
-_MIXED = 2_654_435_761
-#: Matrices of the rows of each level, and of the nodes of each kind of block, that are in
-#: memory at once; and of the kind that is made. Measured: 4.4 with friction, 2 and 4.
-_FORCE_COPIES, _KEPT_COPIES, _NODE_COPIES = 4.5, 2.0, 4.0
-
-
-class CondensedStep(RetainedNodes):
+class CondensedStep(RetainedNodes, DenseRows):
     """Solves the linear problem in contact forces, with one flexibility per kind of block."""
 
     def __init__(
         self, system: Sector, store: FlexibilityStore | None = None, *, friction: bool = False
     ) -> None:
-        self._system = system
-        self._chain = Chain(system)
-        self._pairs = NodePairs(system) if friction else None
+        DenseRows.__init__(self, system, friction=friction)
         self._store = FlexibilityStore() if store is None else store
         self._transform, free = system.held.transform(system.n_nodes)
         self._is_free = np.zeros(3 * system.n_nodes, dtype=np.bool_)
         self._is_free[free] = True
-        self._kind_of, self._kinds = self._make_kinds()
-        super().__init__(system, [self._kinds[k].condensed for k in self._kind_of])
-        self._span = self._chain.spans([self._kinds[k].rigid.shape[1] for k in self._kind_of])
+        self._kinds: list[Flexibility] = self._make_kinds()
+        RetainedNodes.__init__(self, system, [kind.condensed for kind in self._kinds])
         self._on_variables = [
             np.stack([self._to_variables(slot, of) for of in self._loads[:, dofs]])
             for slot, dofs in enumerate(self._dofs)
         ]
-        self._number_variables()
-        self._last: _Assembled | None = None
+        self._variables = [
+            dofs[kind.free] for dofs, kind in zip(self._dofs, self._kinds, strict=True)
+        ]
 
     # -----------------------------------------------------------------------------------------
     # Once
 
-    def _make_kinds(self) -> tuple[list[int], list[Flexibility]]:
-        """One flexibility for each body and way of being held."""
+    def _make_kinds(self) -> list[Flexibility]:
+        """Flexibility of each slot, one for each body and way of being held."""
         system = self._system
         contents: dict[int, bytes] = {}
         slots: dict[bytes, list[int]] = {}
@@ -120,25 +92,10 @@ class CondensedStep(RetainedNodes):
             self._store.get(key, partial(self._make_flexibility, alike[0], retained))
             for key, alike, retained in zip(keys, slots.values(), nodes, strict=True)
         ]
-        kind_of = {slot: k for k, alike in enumerate(slots.values()) for slot in alike}
-        return [kind_of[slot] for slot in range(system.n_slots)], kinds
-
-    def _check_memory(self, nodes: list[IntArray]) -> None:
-        """Reject a problem whose dense matrices are beyond the memory, before any is made."""
-        surfaces = self._system.points
-        low = self._chain.low
-        points = np.bincount(low) * surfaces.weights.shape[1]
-        rows = points if self._pairs is None else 3 * np.bincount(low[self._pairs.facet])
-        forces = _FORCE_COPIES * (rows.astype(np.float64) ** 2).sum()
-        of_nodes = [9.0 * len(of_kind) ** 2 for of_kind in nodes]
-        kept = _KEPT_COPIES * sum(of_nodes) + _NODE_COPIES * max(of_nodes, default=0.0)
-        most = max(map(len, nodes), default=0)
-        require_memory(
-            f"{points.sum()} contact points, and blocks with up to {most} nodes there,",
-            8.0 * (forces + kept),
-            "a coarser mesh (mesh), elements of degree 1 or fewer blocks",
-        )
-        hold_memory(8.0 * (forces + kept))
+        of_slot = {
+            slot: kind for kind, alike in zip(kinds, slots.values(), strict=True) for slot in alike
+        }
+        return [of_slot[slot] for slot in range(system.n_slots)]
 
     def _held_rows(self, slot: int) -> npt.NDArray[np.bool_]:
         """Which held nodes are of a slot, (n_held,)."""
@@ -176,18 +133,8 @@ class CondensedStep(RetainedNodes):
         dofs = self._dofs[slot]
         return self._transform[dofs][:, dofs].T @ vector
 
-    def _number_variables(self) -> None:
-        """Number the free retained variables of all slots one after the other."""
-        sizes = [len(self._kinds[k].free) for k in self._kind_of]
-        self._start = np.concatenate([[0], np.cumsum(sizes)]).astype(np.int64)
-        columns = [
-            self._dofs[slot][self._kinds[self._kind_of[slot]].free]
-            for slot in range(self._system.n_slots)
-        ]
-        self._columns = np.concatenate(columns)
-
     def _free_forces(
-        self, load_factor: float, value: FloatArray, turned: FloatArray | None
+        self, load_factor: float, value: FloatArray, turned: FloatArray
     ) -> list[FloatArray]:
         """Loads and forces of prescribed displacements on the free variables of every slot.
 
@@ -195,10 +142,10 @@ class CondensedStep(RetainedNodes):
         """
         forces = []
         for slot in range(self._system.n_slots):
-            kind = self._kind(slot)
+            kind = self._kinds[slot]
             given = value[self._dofs[slot]]
             force = at_share(self._on_variables[slot], load_factor)
-            if turned is not None:
+            if self._pairs is not None:
                 on_retained = turned.ravel()[self._dofs[slot]]
                 force = force + self._to_variables(slot, on_retained)
             if given.any():
@@ -225,9 +172,9 @@ class CondensedStep(RetainedNodes):
         def solved(
             loads: list[FloatArray], value: FloatArray, held: FloatArray, *, loaded: bool
         ) -> FloatArray:
-            responses = [self._kind(s).inverse @ f for s, f in enumerate(loads)]
+            responses = [self._kinds[s].inverse @ f for s, f in enumerate(loads)]
             felt = self._felt(factored, responses, value)
-            motions = [-self._kind(s).rigid.T @ f for s, f in enumerate(loads)]
+            motions = [-self._kinds[s].rigid.T @ f for s, f in enumerate(loads)]
             if held.any():
                 motions = [m - holding * self._motion(s, held) for s, m in enumerate(motions)]
             result = self._solved(factored, felt, motions, loaded=loaded)
@@ -235,7 +182,7 @@ class CondensedStep(RetainedNodes):
 
         def inverse(force: FloatArray) -> FloatArray:
             on_retained = (self._to_variables(s, force.ravel()[self._dofs[s]]) for s in slots)
-            loads = [of[self._kind(s).free] for s, of in enumerate(on_retained)]
+            loads = [of[self._kinds[s].free] for s, of in enumerate(on_retained)]
             return solved(loads, nothing, no_motion, loaded=False)
 
         value = self._system.held.variables(self._system.n_nodes, linear.time)
@@ -243,69 +190,13 @@ class CondensedStep(RetainedNodes):
         loads = self._free_forces(linear.load_factor, value, turned)
         return solved(loads, value, before if holding else no_motion, loaded=True), inverse
 
-    def _factor(
-        self, linear: Linearisation, before: FloatArray, holding: float
-    ) -> tuple[_Factored, FloatArray | None]:
-        """Assemble and eliminate the chain of all levels; loads that normals turn, if any do."""
-        least, turned = _LEAST_STIFFNESS * self._system.law.normal.touching_stiffness, None
-        law: PointLaw | PairLaw
-        if self._pairs is None:
-            law = point_law(self._system.points, linear, least)
-            chain = self._assembled(law, law.active // linear.weights.shape[1])
-        else:
-            # Rows of pairs do not turn: the same pairs have the same flexibilities.
-            law, turned = self._pairs.law(linear, before, least)
-            if self._last is None or not np.array_equal(self._last.active, law.active):
-                self._last = self._assembled(law, self._pairs.facet[law.active // 3])
-            chain = self._last
-        law = law.ordered(chain.rows.order)
-        bound = law.bind(chain.held(holding))
-        try:
-            factor = factor_chain(bound.levels)
-        except UnresistedMotionError as error:
-            slots = self._chain.members[error.level]
-            blocks = self._system.blocks[slots].tolist()
-            raise UnheldBlocksError("too few contacts press", tuple(blocks)) from None
-        except np.linalg.LinAlgError:
-            # Stiffness beyond all bounds leaves the points of a facet no compliance of their own.
-            raise UnheldBlocksError("contact presses beyond all bounds", ()) from None
-        return _Factored(chain, law, bound, factor), turned
-
-    def _assembled(self, law: PointLaw | PairLaw, facet: IntArray) -> _Assembled:
-        """Flexibilities and motions of the rows of a law, which belong to some facets."""
-        rows = self._chain.rows(facet)
-        of_slots = self._rows(csr_array(law.gradient[rows.order]))
-        levels = self._chain.zeros(rows, self._span)
-        for slot, own in enumerate(of_slots):
-            kind, k = self._kind(slot), int(self._chain.level_of[slot])
-            flexible, felt = own.flexibility(kind.inverse), own.gradient @ kind.rigid
-            # Rows shared with the level below come first.
-            n = int(np.searchsorted(own.points, rows.start[k]))
-            halves = [(k - 1, slice(None, n)), (k, slice(n, None))] if n else [(k, slice(None))]
-            parts = [
-                LevelPoints(level, own.points[half] - rows.start[level], felt[half], half)
-                for level, half in halves
-            ]
-            add_block(levels, (k, self._span[slot]), parts, partial(_between, flexible))
-        return _Assembled(law.active, rows, of_slots, levels)
-
-    def _rows(self, gradient: csr_array) -> list[_Rows]:
-        """Rows of each slot on its free variables, of gradients (n, 3 n_nodes)."""
-        if len(self._system.held.nodes):
-            gradient = csr_array(gradient @ self._transform)
-        columns = csc_array(gradient)[:, self._columns]
-        result = []
-        for a, b in pairwise(self._start):
-            own = csr_array(columns[:, a:b])
-            mine = np.flatnonzero(np.diff(own.indptr))
-            result.append(_Rows(mine, own[mine]))
-        return result
-
-    def _kind(self, slot: int) -> Flexibility:
-        return self._kinds[self._kind_of[slot]]
+    def _on_variables_of(self, gradient: csr_array) -> csr_array:
+        """Gradients by displacements as those by variables."""
+        held = len(self._system.held.nodes)
+        return csr_array(gradient @ self._transform) if held else gradient
 
     def _felt(
-        self, factored: _Factored, responses: list[FloatArray], value: FloatArray
+        self, factored: Factored, responses: list[FloatArray], value: FloatArray
     ) -> FloatArray:
         """What the rows feel of loads and of prescribed displacements, (n,) [mm]."""
         felt = np.zeros(len(factored.chain.rows.order))
@@ -315,28 +206,9 @@ class CondensedStep(RetainedNodes):
             felt += factored.law.gradient @ (self._transform @ value)
         return felt
 
-    def _solved(
-        self, factored: _Factored, felt: FloatArray, motions: list[FloatArray], *, loaded: bool
-    ) -> tuple[FloatArray, list[FloatArray]]:
-        """Forces of all rows, and motions of each slot.
-
-        ``loaded`` says whether the law presses where nothing moves.
-        """
-        forces = np.split(
-            felt + factored.bound.rest if loaded else felt, factored.chain.rows.start[1:-1]
-        )
-        sides = self._chain.sides(forces, motions)
-        if loaded:
-            pairs = zip(sides, factored.bound.motions, strict=True)
-            sides = [(force, motion + more) for (force, motion), more in pairs]
-        solved = factored.factor.solve(sides)
-        level_of = self._chain.level_of.tolist()
-        alpha = [solved[k][1][span] for k, span in zip(level_of, self._span, strict=True)]
-        return factored.law.forces(np.concatenate([q for q, _ in solved]), loaded=loaded), alpha
-
     def _motion(self, slot: int, displacement: FloatArray) -> FloatArray:
         """Rigid part α of a displacement of a slot."""
-        kind = self._kind(slot)
+        kind = self._kinds[slot]
         vector = self._to_variables(slot, displacement.ravel()[self._dofs[slot]])
         return np.asarray(
             np.linalg.lstsq(kind.rigid, vector[kind.free], rcond=None)[0], dtype=np.float64
@@ -344,7 +216,7 @@ class CondensedStep(RetainedNodes):
 
     def _displacements(
         self,
-        rows: list[_Rows],
+        rows: list[OwnRows],
         responses: list[FloatArray],
         forces: FloatArray,
         motions: list[FloatArray],
@@ -353,7 +225,7 @@ class CondensedStep(RetainedNodes):
         """Displacements of the contact nodes from forces and motions."""
         variables = prescribed.copy()
         for slot, row in enumerate(rows):
-            kind = self._kind(slot)
+            kind = self._kinds[slot]
             pushed = responses[slot] - kind.inverse @ (row.gradient.T @ forces[row.points])
             moved = pushed + kind.rigid @ motions[slot]
             variables[self._dofs[slot][kind.free]] = moved
@@ -365,83 +237,8 @@ class CondensedStep(RetainedNodes):
         """S u of the contact nodes, zero at inner nodes; (n_nodes, 3) [N]."""
         flat = displacement.ravel().copy()
         for slot, dofs in enumerate(self._dofs):
-            rigid = self._kind(slot).rigid
+            rigid = self._kinds[slot].rigid
             if len(rigid) == len(dofs):
                 # A rigid motion costs no force; taking it out first keeps its rounding out too.
                 flat[dofs] -= rigid @ np.linalg.lstsq(rigid, flat[dofs], rcond=None)[0]
         return super().internal_force(flat.reshape(-1, 3))
-
-
-@dataclass(frozen=True)
-class _Rows:
-    """Active points of a slot on its free variables."""
-
-    points: IntArray
-    """Numbers among the active points, (n,)."""
-    gradient: csr_array
-    """∂x/∂u, (n, n_free)."""
-
-    def flexibility(self, inverse: FloatArray) -> FloatArray:
-        """Answer of each row to a unit force of each, (n, n)."""
-        n, facets = len(self.points), list(_facets(self.gradient))
-        half, flexible = np.zeros((n, len(inverse))), np.zeros((n, n))
-        for rows, columns, values in facets:
-            half[rows] = values @ inverse[columns]
-        half = np.ascontiguousarray(half.T)
-        for rows, columns, values in facets:
-            flexible[rows] = values @ half[columns]
-        used = len(np.unique(self.gradient.indices))
-        count(Operation.ENTRY, self.gradient.nnz * (used + n))
-        return flexible
-
-
-def _facets(gradient: csr_array) -> Iterator[tuple[IntArray, IntArray, FloatArray]]:
-    """Rows with the same columns, those of one facet: rows (k,), columns (m,), values (k, m).
-
-    Products of facets are dense, three times as fast as those of the sparse matrix.
-    """
-    n_entries = np.diff(gradient.indptr)
-    for m in np.unique(n_entries[n_entries > 0]).tolist():
-        rows = np.flatnonzero(n_entries == m)
-        at = gradient.indptr[rows][:, None] + np.arange(m)
-        columns = gradient.indices[at]
-        # Alike rows get one number, and so come together; others that share it are told apart.
-        order = np.argsort(columns @ (_MIXED * np.arange(1, m + 1)), kind="stable")
-        change = (columns[order[1:]] != columns[order[:-1]]).any(axis=1)
-        for facet in np.split(order, np.flatnonzero(change) + 1):
-            yield rows[facet], columns[facet[0]], gradient.data[at[facet]]
-
-
-def _between(flexible: FloatArray, one: slice, other: slice) -> FloatArray:
-    return flexible[one, other]
-
-
-@dataclass(frozen=True)
-class _Assembled:
-    """The levels of some rows, without the law of these."""
-
-    active: IntArray
-    """Numbers of the rows, (n,)."""
-    rows: Rows
-    of_slots: list[_Rows]
-    levels: list[Level]
-    """Without holding springs."""
-
-    def held(self, holding: float) -> list[Level]:
-        """Levels with holding springs [N/mm], to bind a law to; laws of pairs keep the others."""
-        return [
-            replace(
-                level, motions=level.motions.copy(), holding=holding * np.eye(len(level.holding))
-            )
-            for level in self.levels
-        ]
-
-
-@dataclass(frozen=True)
-class _Factored:
-    """The chain of one linear problem, eliminated."""
-
-    chain: _Assembled
-    law: PointLaw | PairLaw
-    bound: Bound
-    factor: ChainFactor

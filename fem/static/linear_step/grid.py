@@ -35,7 +35,13 @@ from fem.static.linear_step.block_tridiagonal import (
     factor_chain,
 )
 from fem.static.linear_step.condensation import UnheldBlocksError
-from fem.static.linear_step.grid_block import GridBlock, PointFlexibility, grid_block
+from fem.static.linear_step.grid_block import (
+    GridBlock,
+    GridBodies,
+    PointFlexibility,
+    grid_block,
+    grids_of,
+)
 from fem.static.linear_step.linearisation import (
     Linearisation,
     LinearStep,
@@ -57,11 +63,11 @@ _SAME_POINT = 1e-7
 def grid_blocks(system: System) -> tuple[GridBlock, ...] | None:
     """Structured blocks of all groups; None where this step does not take the problem.
 
-    It takes frictionless contact of one law between matched facets, of blocks without supports of
-    their own.
+    It takes contact of one law between matched facets, of blocks without supports of their own,
+    with friction in `fem.static.linear_step.grid_pairs`.
     """
     contact = system.contact
-    if contact.friction is not None or contact.finite_sliding or len(system.supports.block):
+    if contact.finite_sliding or len(system.supports.block):
         return None
     if len(contact.law.members) > 1:
         return None
@@ -179,7 +185,7 @@ class GridStep(LinearStep):
         self, system: Sector, grids: tuple[GridBlock, ...], start: FloatArray | None = None
     ) -> None:
         super().__init__(system)
-        self._grids = [grids[int(system.whole.body_number[block])] for block in system.blocks]
+        self._grids = grids_of(system, grids)
         self._place_points()
         self._softest, asked = 0.0, np.ones(self._n, dtype=np.bool_)
         if start is not None:
@@ -201,7 +207,8 @@ class GridStep(LinearStep):
                 kinds[id(grid)] = PointFlexibility(grid, np.concatenate(alike))
         self._blocks = [kinds[id(grid)] for grid in self._grids]
         self._span = self._chain.spans([6] * len(self._grids))
-        units = [self._of_motions(np.tile(one, (len(self._grids), 1))) for one in np.eye(6)]
+        self._bodies = GridBodies(system, self._blocks)
+        units = [self._bodies.of_motions(np.tile(one, (len(self._grids), 1))) for one in np.eye(6)]
         self._turning = TurningNormals(system, np.stack(units))
 
     @property
@@ -265,7 +272,7 @@ class GridStep(LinearStep):
         stiff = np.flatnonzero(closed & ~self._soft(slope))
         given = forces.ravel().copy()
         given[stiff] = 0.0
-        change, motions = linear.gradient - self._reference, self._motions_in(before)
+        change, motions = linear.gradient - self._reference, self._bodies.motions_in(before)
         turned = self._turning.turned(before, forces) if change.any() else self._turning.none
         # About the displacement before, normals turn with the motions alone.
         rest = (linear.constant - linear.at + facets.gather(change, before)).ravel()
@@ -280,16 +287,16 @@ class GridStep(LinearStep):
             # Far from rest turning normals may push: what resists without them leads there.
             turned = turned.without_stiffness
             factor, rows, held = self._factored(points, turned, motions, holding)
-        loaded = self._displacements(load + bending)
+        loaded = self._bodies.displacements(load + bending)
         right = rest + facets.gather(self._reference, loaded).ravel()[stiff]
-        balance = lever - self._in_motions(load) - held
+        balance = lever - self._bodies.in_motions(load) - held
         solved = factor.solve(self._chain.sides(rows.split(right), balance))
         forces, motions = np.zeros(self._n), np.empty_like(held)
         forces[stiff] = rows.joined([result for result, _ in solved])
         for (_, alpha), slots in zip(solved, self._chain.members, strict=True):
             motions[slots] = alpha.reshape(-1, 6)
         pushed = facets.scatter(self._reference, forces)
-        return loaded + self._displacements(pushed) + self._of_motions(motions), None
+        return loaded + self._bodies.displacements(pushed) + self._bodies.of_motions(motions), None
 
     def _factored(
         self,
@@ -380,41 +387,3 @@ class GridStep(LinearStep):
         result = np.zeros((len(self._grids) + 1, 6))
         np.add.at(result, self._slots, by_motions * forces[:, None])
         return result[:-1]
-
-    # ---- blocks
-
-    def _on_grid(self, slot: int, nodal: FloatArray) -> FloatArray:
-        """Values of all nodes (n_nodes, 3) at those of the grid of a slot."""
-        return nodal[self._system.nodes_of(slot)][self._grids[slot].numbers.ravel()]
-
-    def _to_nodes(self, on_grids: list[FloatArray]) -> FloatArray:
-        """Values at the nodes of the grids of all slots as those of all nodes, (n_nodes, 3)."""
-        nodal = np.empty((self._system.n_nodes, 3))
-        for slot, (grid, values) in enumerate(zip(self._grids, on_grids, strict=True)):
-            nodal[self._system.nodes_of(slot)][grid.numbers.ravel()] = values.reshape(-1, 3)
-        return nodal
-
-    def _displacements(self, forces: FloatArray) -> FloatArray:
-        """G of nodal forces, (n_nodes, 3) [mm], of congruent blocks at once."""
-        on_grids = [np.empty(0)] * len(self._blocks)
-        for block in set(self._blocks):
-            slots = [slot for slot, other in enumerate(self._blocks) if other is block]
-            moved = block.displacements(np.stack([self._on_grid(s, forces) for s in slots]))
-            for slot, own in zip(slots, moved, strict=True):
-                on_grids[slot] = own
-        return self._to_nodes(on_grids)
-
-    def _motions_in(self, displacement: FloatArray) -> FloatArray:
-        """Motions of the blocks in displacements (n_nodes, 3) [mm], (n_slots, 6)."""
-        pairs = enumerate(self._blocks)
-        return np.stack([b.motion_in(self._on_grid(s, displacement)) for s, b in pairs])
-
-    def _in_motions(self, forces: FloatArray) -> FloatArray:
-        """Rᵀ f of nodal forces (n_nodes, 3) [N], (n_slots, 6)."""
-        each = enumerate(self._grids)
-        return np.stack([grid.rigid.T @ self._on_grid(s, forces).ravel() for s, grid in each])
-
-    def _of_motions(self, motions: FloatArray) -> FloatArray:
-        """R α of motions (n_slots, 6), (n_nodes, 3) [mm]."""
-        each = zip(self._grids, motions, strict=True)
-        return self._to_nodes([grid.rigid @ motion for grid, motion in each])

@@ -11,6 +11,7 @@ All congruent blocks share F and b, and nothing else of a block appears in the c
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
 
@@ -22,7 +23,8 @@ from fem.element.lagrange import Lagrange
 from fem.element.material import Material
 from fem.static.linear_step.columns import ColumnBlock, flexible_block
 from fem.system.body import rigid_motions
-from geometry.mesh import CUBE, FloatArray, HexMesh, IntArray, structured_hexahedra
+from fem.system.system import Sector
+from geometry.mesh import CUBE, BoolArray, FloatArray, HexMesh, IntArray, structured_hexahedra
 
 #: Sides of a grid by direction and end: the lower and the upper one first, then the ends round it.
 _SIDES = ((2, 0), (2, 1), (1, 0), (1, 1))
@@ -103,12 +105,29 @@ class GridBlock:
     @property
     def columns(self) -> ColumnBlock:
         """Elements and points as columns along the second direction."""
+        return self._columns(self.outward, self.element.degree + 2, vectors=False)
+
+    @cached_property
+    def side_nodes(self) -> IntArray:
+        """Nodes of the grid of all quads that can be in contact, shared ones each time, (n,)."""
+        return np.concatenate([side.quads.ravel() for side in self.sides])
+
+    @property
+    def node_columns(self) -> ColumnBlock:
+        """The same with the displacements of `side_nodes` in place of the points."""
+        unknowns = (3 * self.side_nodes[:, None] + np.arange(3)).ravel()
+        n = len(unknowns)
+        rows = csr_array((np.ones(n), unknowns, np.arange(n + 1)), (n, 3 * self.numbers.size))
+        return self._columns(rows, self.element.degree + 1, vectors=True)
+
+    def _columns(self, rows: csr_array, per_line: int, *, vectors: bool) -> ColumnBlock:
         return ColumnBlock(
             self.nodes[self.numbers],
             self.element.degree,
             partial(self.element.stiffness, material=self.material),
-            self.outward,
-            self.element.degree + 2,
+            rows,
+            per_line,
+            vectors,
         )
 
 
@@ -184,19 +203,12 @@ def _node_grid(mesh: HexMesh, counts: tuple[int, int, int]) -> IntArray:
     return grid
 
 
-class PointFlexibility:
-    """F between the points that were asked for so far, grown where more are."""
+class BlockFlexibility:
+    """A block that moves under any forces, but for its rigid motions."""
 
-    def __init__(self, block: GridBlock, asked: IntArray) -> None:
-        wanted = np.zeros(len(block.positions), dtype=np.bool_)
-        wanted[asked] = True
+    def __init__(self, block: GridBlock, columns: ColumnBlock, asked: BoolArray) -> None:
         self.block = block
-        self.motions: FloatArray = block.outward @ block.rigid
-        self._flexible = flexible_block(block.columns, wanted, block.rigid)
-        self._asked = self._flexible.points
-        self._row = np.full(len(self.motions), -1, dtype=np.int64)
-        self._row[self._asked] = np.arange(len(self._asked))
-        self._flexibility = self._flexible.flexibility
+        self._flexible = flexible_block(columns, asked, block.rigid)
 
     def displacements(self, forces: FloatArray) -> FloatArray:
         """G of nodal forces on the grid, (n_cases, n_nodes, 3) [N], [mm]."""
@@ -208,6 +220,41 @@ class PointFlexibility:
         rigid, moved = self.block.rigid[held], displacement.ravel()[held]
         motion: FloatArray = np.linalg.lstsq(rigid, moved, rcond=None)[0]
         return motion
+
+
+class NodeFlexibility(BlockFlexibility):
+    """G between nodes on the sides of a block, by their numbers in the mesh (n,)."""
+
+    def __init__(self, block: GridBlock, nodes: IntArray) -> None:
+        on_mesh = block.numbers.ravel()[block.side_nodes]
+        found, first = np.unique(on_mesh, return_index=True)
+        asked = np.zeros((len(on_mesh), 3), dtype=np.bool_)
+        asked[first[np.isin(found, nodes)]] = True
+        super().__init__(block, block.node_columns, asked.ravel())
+        rows = self._flexible.points
+        unknowns = 3 * on_mesh[rows // 3] + rows % 3
+        order = np.argsort(unknowns)
+        self.degrees_of_freedom: IntArray = unknowns[order]
+        """Of the nodes in the mesh, ascending, (3 n,)."""
+        self.inverse: FloatArray = self._flexible.flexibility[np.ix_(order, order)]
+        """(3 n, 3 n) [mm/N]"""
+        at = 3 * block.side_nodes[rows // 3] + rows % 3
+        self.rigid: FloatArray = block.rigid[at[order]]
+        """R there, (3 n, 6)."""
+
+
+class PointFlexibility(BlockFlexibility):
+    """F between the points that were asked for so far, grown where more are."""
+
+    def __init__(self, block: GridBlock, asked: IntArray) -> None:
+        wanted = np.zeros(len(block.positions), dtype=np.bool_)
+        wanted[asked] = True
+        super().__init__(block, block.columns, wanted)
+        self.motions: FloatArray = block.outward @ block.rigid
+        self._asked = self._flexible.points
+        self._row = np.full(len(self.motions), -1, dtype=np.int64)
+        self._row[self._asked] = np.arange(len(self._asked))
+        self._flexibility = self._flexible.flexibility
 
     def between(self, points: IntArray, others: IntArray) -> FloatArray:
         """F of points that `include` was given, (n, m) [mm/N]."""
@@ -229,3 +276,51 @@ class PointFlexibility:
         grown[:, before:] = outward[self._asked] @ moved
         grown[before:, :before] = grown[:before, before:].T
         self._flexibility = grown
+
+
+def grids_of(system: Sector, grids: Sequence[GridBlock]) -> list[GridBlock]:
+    """Grid of each slot, of those of all bodies."""
+    return [grids[int(system.whole.body_number[block])] for block in system.blocks]
+
+
+class GridBodies:
+    """Blocks of all slots, each seen from the nodes of its grid."""
+
+    def __init__(self, system: Sector, blocks: Sequence[BlockFlexibility]) -> None:
+        self._system, self._blocks = system, blocks
+
+    def _on_grid(self, slot: int, nodal: FloatArray) -> FloatArray:
+        """Values of all nodes (n_nodes, 3) at those of the grid of a slot."""
+        return nodal[self._system.nodes_of(slot)][self._blocks[slot].block.numbers.ravel()]
+
+    def _to_nodes(self, on_grids: Sequence[FloatArray]) -> FloatArray:
+        """Values at the nodes of the grids of all slots as those of all nodes, (n_nodes, 3)."""
+        nodal = np.empty((self._system.n_nodes, 3))
+        for slot, (own, values) in enumerate(zip(self._blocks, on_grids, strict=True)):
+            nodal[self._system.nodes_of(slot)][own.block.numbers.ravel()] = values.reshape(-1, 3)
+        return nodal
+
+    def displacements(self, forces: FloatArray) -> FloatArray:
+        """G of nodal forces, (n_nodes, 3) [mm], of congruent blocks at once."""
+        on_grids = [np.empty(0)] * len(self._blocks)
+        for block in set(self._blocks):
+            slots = [slot for slot, other in enumerate(self._blocks) if other is block]
+            moved = block.displacements(np.stack([self._on_grid(s, forces) for s in slots]))
+            for slot, own in zip(slots, moved, strict=True):
+                on_grids[slot] = own
+        return self._to_nodes(on_grids)
+
+    def motions_in(self, displacement: FloatArray) -> FloatArray:
+        """Motions of the blocks in displacements (n_nodes, 3) [mm], (n_slots, 6)."""
+        pairs = enumerate(self._blocks)
+        return np.stack([b.motion_in(self._on_grid(s, displacement)) for s, b in pairs])
+
+    def in_motions(self, forces: FloatArray) -> FloatArray:
+        """Rᵀ f of nodal forces (n_nodes, 3) [N], (n_slots, 6)."""
+        each = enumerate(self._blocks)
+        return np.stack([b.block.rigid.T @ self._on_grid(s, forces).ravel() for s, b in each])
+
+    def of_motions(self, motions: Sequence[FloatArray] | FloatArray) -> FloatArray:
+        """R α of motions of each slot (6,), (n_nodes, 3) [mm]."""
+        each = zip(self._blocks, motions, strict=True)
+        return self._to_nodes([own.block.rigid @ motion for own, motion in each])
