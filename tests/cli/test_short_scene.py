@@ -187,6 +187,8 @@ def test_settings_state_what_a_changed_case_states(words: str) -> None:
     read = load_case("tsb1-pipe", [words])
     value = dict(flat(read.keys)).get(key, "steel")
     assert plain.changed({key: value}) == plain.changed([words]) == read != plain
+    bare = load_case("cubes")  # without [material] and [effects]
+    assert bare.changed({"material.tensile_strength": None, key: None}) == bare
     if key == "effects.gravity":
         assert read.changed({key: None}).values == plain.values
 

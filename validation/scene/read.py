@@ -108,6 +108,9 @@ def apply_overrides(data: Mapping[str, Any], settings: Settings) -> dict[str, An
         keys = [key.strip().strip("'\"") for key in place.split(".")]
         if keys[:2] == ["effects", "friction"] and len(keys) > 2:
             _open_friction(result.get("effects"))
+        if value is None:
+            _leave_out(result, keys)
+            continue
         target = result
         for key in keys[:-1]:
             inner = target.setdefault(key, {})
@@ -115,10 +118,17 @@ def apply_overrides(data: Mapping[str, Any], settings: Settings) -> dict[str, An
                 raise InputError(f"{place}: {key!r} is a value, not a section")
             target = inner
         target[keys[-1]] = value
-        if value is None:
-            del target[keys[-1]]
     _drop_keys_of_replaced_method(data.get("fem"), result.get("fem"))
     return result
+
+
+def _leave_out(data: dict[str, Any], keys: list[str]) -> None:
+    """Remove a key of a scene's data, where it is stated."""
+    section: Any = data
+    for key in keys[:-1]:
+        section = section.get(key) if isinstance(section, dict) else None
+    if isinstance(section, dict):
+        section.pop(keys[-1], None)
 
 
 def _open_friction(effects: Any) -> None:
