@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass, fields, replace
+from dataclasses import dataclass, fields, is_dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias, cast
@@ -14,7 +14,7 @@ from geometry.machine.work import timed_stages
 from mbd.options import Rigid
 from validation.errors import InputError, named
 from validation.scene.combinations import combined
-from validation.scene.deformable import METHODS
+from validation.scene.deformable import EFFECTS_IN_TIME, METHODS
 from validation.scene.family import RoundScene
 from validation.scene.keys.idle import KeyUse
 from validation.scene.keys.quantities import Number, numbers_in, unit_of_key
@@ -281,15 +281,21 @@ class Case:
             return replace(self, method=_named(self.name, method))
         if method == "rigid":
             return replace(self, method=self.source.rigid_method)
-        if isinstance(method, Rigid):
-            keys = {f.name: getattr(method, f.name) for f in fields(method)}
-            stages = keys.pop("stages")
-            asked = {"rigid": keys, "stages": None if stages is None else asdict(stages)}
-            return replace(self, source=self.source.changed(asked), method=method)
         if isinstance(method, str):
             _named(self.name, method)
-            return self.stating(self.source.changed({"fem": {"method": method}}))
-        return self.stating(self.source.solved_by(method))
+            return replace(self, method=Static()).changed({"fem.method": method})
+        return replace(self, method=method).changed(_keys_of(method))
+
+
+def _keys_of(method: Method) -> dict[str, Any]:
+    """Keys of a scene that state a method, and None for those of the effects of another one."""
+    values = {part.name: getattr(method, part.name) for part in fields(method)}
+    given = {key: vars(one) if is_dataclass(one) else one for key, one in values.items()}
+    if isinstance(method, Rigid):
+        stages = given.pop("stages")
+        return {"stages": stages, **{f"rigid.{key}": value for key, value in given.items()}}
+    effects = {f"effects.{key}": given.pop(key, None) for key in EFFECTS_IN_TIME}
+    return {"fem.method": method.name, **{f"fem.{k}": v for k, v in given.items()}, **effects}
 
 
 def _named(name: str, method: Method | str) -> Method:

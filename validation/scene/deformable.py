@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, fields, replace
+from dataclasses import fields, replace
 from enum import StrEnum
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self
 
@@ -250,8 +250,8 @@ METHODS: Mapping[str, type[Static | Explicit]] = {"static": Static, "explicit": 
 #: Keys of ``[fem]`` that say of which elements blocks are, whatever the method.
 _ELEMENTS = ("element", "degree")
 #: Fields of `Explicit` that sections of their own state.
-_EFFECTS = ("rayleigh", "bulk_viscosity")
-_FemKeys: Any = section_of(Static, Explicit, about={"end_time": END_TIME}, absent=_EFFECTS)
+EFFECTS_IN_TIME = ("rayleigh", "bulk_viscosity")
+_FemKeys: Any = section_of(Static, Explicit, about={"end_time": END_TIME}, absent=EFFECTS_IN_TIME)
 
 
 class FemSection(_FemKeys):  # type: ignore[misc]
@@ -293,20 +293,13 @@ class FemSection(_FemKeys):  # type: ignore[misc]
             raise ValueError(f"fem.{error}") from None
         return self
 
-    def changed(self, values: Mapping[str, Any]) -> Self:
-        """Return a copy with other values; another method drops the keys that it does not have."""
-        method = values.get("method", self.method)
-        if method == self.method:
-            return super().changed(values)
-        idle = keys_of_other(method)
-        kept = {name: self.__dict__[name] for name in self.model_fields_set - idle}
-        return Section.changed(type(self)(), kept | dict(values))
-
     @property
     def solver(self) -> Static | Explicit:
         """The method itself, without the effects that sections of their own state."""
         kind = METHODS[self.method]
-        given = {f.name: self.__dict__[f.name] for f in fields(kind) if f.name not in _EFFECTS}
+        given = {
+            f.name: self.__dict__[f.name] for f in fields(kind) if f.name not in EFFECTS_IN_TIME
+        }
         if self.symmetry == "periodic cell":
             given["symmetry"] = "auto"  # of the cell
         states = not self.model_fields_set.isdisjoint(_ELEMENTS)
@@ -428,14 +421,6 @@ class DeformableSections(Section):
             rayleigh=None if rayleigh is None else RayleighDamping(**rayleigh.model_dump()),
             bulk_viscosity=None if bulk is None else BulkViscosity(**bulk.model_dump()),
         )
-
-    def solved_by(self, method: Static | Explicit) -> Self:
-        """Return the scene with another method, its elements kept."""
-        name = next(name for name, kind in METHODS.items() if isinstance(method, kind))
-        given = {f.name: getattr(method, f.name) for f in fields(method)}
-        effects = {key: given.pop(key, None) for key in _EFFECTS}
-        sections = {key: value and asdict(value) for key, value in effects.items()}
-        return self.changed({"fem": {"method": name, **given}, "effects": sections})
 
     @property
     def damping(self) -> str:
