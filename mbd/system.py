@@ -19,7 +19,14 @@ import numpy as np
 from geometry.assembly import Assembly
 from geometry.loads import LoadCase
 from geometry.mesh import BoolArray, FloatArray, IntArray, ReadOnlyArrays
-from geometry.parts.balance import Imbalance, Reactions, imbalance, of_fixed_blocks, together
+from geometry.parts.balance import (
+    Imbalance,
+    Reactions,
+    imbalance,
+    joint_wrenches,
+    of_fixed_blocks,
+    together,
+)
 from geometry.parts.measures import (
     BlockMeasures,
     JointResultants,
@@ -30,7 +37,7 @@ from geometry.parts.measures import (
 from geometry.parts.pairs import OfPairs, pair_values
 from geometry.parts.placed import AnyBlocks
 from geometry.polyhedra.options import CROSSING_EDGES, STANDING_CORNER
-from mbd.contacts.jacobian import RigidContacts, contact_jacobian, contact_wrenches
+from mbd.contacts.jacobian import RigidContacts, contact_jacobian
 from mbd.contacts.supports import support_wrenches
 from mbd.equilibrium import Equilibrium, column_weights, equilibrium
 from mbd.mechanism import MANY_BLOCKS, Classification, Mechanism, MechanismClass, classify
@@ -501,17 +508,15 @@ class RigidSystem(ReadOnlyArrays):
 
     @cached_property
     def _held(self) -> tuple[Reactions, FloatArray]:
-        return self.held_by(self.joints, self.forces, self.load.wrenches)
+        return self.held_by(self.joints, self.load.wrenches)
 
-    def held_by(
-        self, joints: JointResultants, forces: FloatArray, acting: FloatArray
-    ) -> tuple[Reactions, FloatArray]:
+    def held_by(self, joints: JointResultants, acting: FloatArray) -> tuple[Reactions, FloatArray]:
         """Supports, and fixed blocks less what their supports take; and what is no joint.
 
         Parameters
         ----------
-        joints, forces
-            Forces at the contacts on block s, (n_contacts, 3) [N], and their sums.
+        joints
+            Forces at the contacts, summed.
         acting
             Loads about each block's mass centroid, (n_blocks, 6) [N, N mm].
 
@@ -522,7 +527,7 @@ class RigidSystem(ReadOnlyArrays):
         """
         blocks, load, supports, others = self.blocks, self.load, None, acting
         if load.held:
-            on_blocks = contact_wrenches(blocks, self.contact_index, forces)
+            on_blocks = joint_wrenches(blocks, joints, blocks.centroids)
             supports, on_each = support_wrenches(blocks, load, acting + on_blocks)
             others = acting + on_each
         fixed = of_fixed_blocks(blocks, joints, np.flatnonzero(load.fixed), others)

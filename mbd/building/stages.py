@@ -538,8 +538,8 @@ class Construction:
 def _held(system: RigidSystem, forces: FloatArray, props: FloatArray) -> tuple[float, float, float]:
     """Largest thrust of a support, largest normal force of a joint, imbalance [N]."""
     world, acting = system.on_s(forces), system.load.wrenches + props
-    joints = joint_resultants(system.blocks.interfaces, system.contact_index, world, None)
-    held, _ = system.held_by(joints, world, acting)
+    joints = joint_resultants(system.blocks.interfaces, system.contact_index, world)
+    held, _ = system.held_by(joints, acting)
     rest = system.frictional.matrix @ forces.ravel() + system.contacts.rows(acting)
     return (
         float(held.thrusts.max(initial=0.0)),

@@ -530,15 +530,3 @@ def _contacts(
         free_blocks=free,
         length=length,
     )
-
-
-def contact_wrenches(assembly: AnyBlocks, index: IntArray, forces: FloatArray) -> FloatArray:
-    """Force and moment of contact forces about each block's mass centroid, (n_blocks, 6) [N, N mm].
-
-    From forces (n, 3) on block s of some contacts, at their places in the interfaces (n,).
-    """
-    result, wrench = assembly.interfaces, np.zeros((assembly.n_blocks, 6))
-    for blocks, sign in ((result.block_m[index], -1.0), (result.block_s[index], 1.0)):
-        arm = result.centroids[index] - assembly.centroids[blocks]
-        np.add.at(wrench, blocks, sign * np.hstack([forces, np.cross(arm, forces)]))
-    return wrench
