@@ -73,8 +73,7 @@ if TYPE_CHECKING:
     )
     from geometry.mesh import HexMesh
     from geometry.parts.measures import effective_facets
-    from geometry.parts.regions import Box, Plane
-    from geometry.parts.supports import HeldFace
+    from geometry.parts.regions import Box, HeldFace, Plane
     from geometry.polyhedra.assembly import PolyhedralAssembly
     from geometry.polyhedra.options import DetectionOptions
     from geometry.polyhedra.polyhedron import Polyhedron, convex_polyhedron
@@ -137,7 +136,7 @@ _PLACES = {
     "ColumnBox": "geometry.families.boxes",
     "CubesLayer": "geometry.families.platonic_layers",
     "DetectionOptions": "geometry.polyhedra.options",
-    "HeldFace": "geometry.parts.supports",
+    "HeldFace": "geometry.parts.regions",
     "HexMesh": "geometry.mesh",
     "HexagonBlock": "geometry.families.hexagon_block",
     "Indenter": "geometry.families.indenter",

@@ -28,9 +28,10 @@ from geometry.mesh import (
     QuadSurface,
     ReadOnlyArrays,
 )
-from geometry.parts.forces import NodeForces
 from geometry.parts.placed import AnyBlocks
 from geometry.parts.regions import (
+    HeldFace,
+    NodeForces,
     Where,
     check_blocks,
     check_region,
@@ -39,7 +40,6 @@ from geometry.parts.regions import (
     region_edges,
     region_quads,
 )
-from geometry.parts.supports import HeldFace
 
 Values = TypeVar("Values", FloatArray, IntArray)
 

@@ -35,8 +35,8 @@ from geometry.parts.measures import (
     sections_through_joints,
 )
 from geometry.parts.placed import AnyBlocks, PlacedBlocks
+from geometry.parts.regions import HeldFace
 from geometry.parts.rows import Notes, Part, Row, plain
-from geometry.parts.supports import HeldFace
 from geometry.polyhedra.options import CROSSING_EDGES, STANDING_CORNER
 from mbd.contacts.supports import check_supports
 from mbd.options import Rigid, Stages
@@ -47,7 +47,7 @@ if TYPE_CHECKING:
     from geometry.polyhedra.assembly import PolyhedralAssembly
     from mbd.building.stages import StageResults
     from mbd.limits.collapse import CollapseLoad
-    from mbd.results.motion import DrivenMotion
+    from mbd.results.rows import DrivenMotion
 
 #: Memory of a contact of a tube with its loads, as measured: without friction …
 _CONTACT_BYTES = 550.0
@@ -297,7 +297,7 @@ def _found(system: RigidSystem, case: LoadCase, watch: Stopwatch) -> dict[str, P
         parts["interference"] = Notes([Row("interference fit", words, group="verdict")])
     _ = system.words  # whether joints are pressed beforehand, while work is counted
     if system.moving is not None:
-        from mbd.results.motion import driven_motion
+        from mbd.results.rows import driven_motion
 
         proved = system.verdict.holds is False
         parts["motion"] = driven_motion(system, system.moving, proved=proved)

@@ -18,8 +18,7 @@ from fem.system.build import support_rows
 from fem.system.rows import ALL_THE_WAY, HeldRows, TabularAmplitude, traction_forces
 from geometry.block import Block
 from geometry.mesh import FloatArray
-from geometry.parts.regions import region_quads
-from geometry.parts.supports import HeldFace
+from geometry.parts.regions import HeldFace, region_quads
 
 #: Directions that lean from a world axis by less lie along it [-].
 _ALONG = 1e-9

@@ -41,8 +41,7 @@ from geometry.assembly import Assembly
 from geometry.errors import RefusedError
 from geometry.loads import FaceLoad, LoadCase, PressureLoad, TractionLoad
 from geometry.mesh import BoolArray, FloatArray, IntArray
-from geometry.parts.regions import region_nodes, region_quads
-from geometry.parts.supports import HeldFace
+from geometry.parts.regions import HeldFace, region_nodes, region_quads
 
 
 class DeformableAssemblyError(RefusedError):

@@ -22,8 +22,12 @@ from geometry.interface import ROUGHLY_SAME, placements
 from geometry.mesh import FloatArray, IntArray
 from geometry.parts.placed import AssemblyError
 from geometry.polyhedra.assembly import PolyhedralAssembly
-from geometry.polyhedra.near.box_tree import overlapping_boxes
-from geometry.polyhedra.near.triangle_search import Surface, enclosed, segment_piercings
+from geometry.polyhedra.near.triangle_search import (
+    Surface,
+    enclosed,
+    overlapping_boxes,
+    segment_piercings,
+)
 from geometry.polyhedra.polyhedron import Polyhedron
 from geometry.polyhedra.separation import separations
 

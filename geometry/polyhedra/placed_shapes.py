@@ -11,8 +11,7 @@ import numpy as np
 
 from geometry.mesh import BoolArray, FloatArray, IntArray
 from geometry.parts.placed import PlacedBlocks
-from geometry.polyhedra.near.box_tree import BoxTree, boxes_of_triangles
-from geometry.polyhedra.near.triangle_search import Surface
+from geometry.polyhedra.near.triangle_search import BoxTree, Surface, boxes_of_triangles
 from geometry.polyhedra.polyhedron import Polyhedron
 
 Values = TypeVar("Values", FloatArray, IntArray)

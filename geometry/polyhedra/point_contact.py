@@ -18,7 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from geometry.mesh import BoolArray, FloatArray, IntArray
-from geometry.polyhedra.near.box_tree import overlapping_boxes
+from geometry.polyhedra.near.triangle_search import overlapping_boxes
 from geometry.polyhedra.placed_shapes import PlacedShapes
 from geometry.polyhedra.polyhedron import Polyhedron
 

@@ -16,9 +16,10 @@ from scipy.spatial import ConvexHull, cKDTree
 
 from geometry.block import Block
 from geometry.mesh import BoolArray, FloatArray, IntArray, MeshError, connected_parts
-from geometry.polyhedra.near.box_tree import BoxTree, boxes_of_triangles
 from geometry.polyhedra.near.triangle_search import (
+    BoxTree,
     Surface,
+    boxes_of_triangles,
     coplanar_groups,
     directed_edges,
     distinct_rows,

@@ -17,9 +17,13 @@ import numpy as np
 from scipy.optimize import nnls
 
 from geometry.mesh import FloatArray, IntArray
-from geometry.polyhedra.near.box_tree import boxes_of_triangles, overlapping_boxes
 from geometry.polyhedra.near.triangle_kernels import MOST_CORNERS, clip_pairs
-from geometry.polyhedra.near.triangle_search import enclosed, segment_piercings
+from geometry.polyhedra.near.triangle_search import (
+    boxes_of_triangles,
+    enclosed,
+    overlapping_boxes,
+    segment_piercings,
+)
 from geometry.polyhedra.polyhedron import Polyhedron
 
 #: Facets steeper than this along a direction bound nothing (cosine of the angle to their normals).

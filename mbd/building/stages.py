@@ -36,7 +36,7 @@ from mbd.system import RigidStatement, RigidSystem, Stated
 
 if TYPE_CHECKING:
     from geometry.answer import Answer
-    from mbd.results.motion import DrivenMotion
+    from mbd.results.rows import DrivenMotion
 
 #: Reference seconds of all stages but the last for whether joints are pressed beforehand.
 _SQUEEZES = 15.0

@@ -32,7 +32,7 @@ from geometry.mesh import (
     run_starts,
 )
 from geometry.parts.placed import AnyBlocks
-from geometry.parts.supports import HeldFace
+from geometry.parts.regions import HeldFace
 from mbd.contacts.supports import admissible, free_motions
 
 Value = TypeVar("Value")

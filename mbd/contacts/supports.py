@@ -14,8 +14,7 @@ from geometry.loads import LoadCase
 from geometry.mesh import FloatArray, IntArray
 from geometry.parts.balance import Reactions, of_supports, outward_thrust
 from geometry.parts.placed import AnyBlocks
-from geometry.parts.regions import region_points
-from geometry.parts.supports import HeldFace
+from geometry.parts.regions import HeldFace, region_points
 
 #: Singular values of the held motions below this fraction of the largest are round-off: points
 #: may lie off their plane by a millionth of a block.

@@ -30,9 +30,8 @@ from geometry.loads import LoadCase
 from geometry.mesh import FloatArray
 from geometry.parts.measures import first_largest
 from geometry.parts.placed import AnyBlocks
-from geometry.parts.regions import region_points
+from geometry.parts.regions import HeldFace, region_points
 from geometry.parts.rows import Row, finite, number, plain
-from geometry.parts.supports import HeldFace
 from mbd.contacts.jacobian import RigidContacts
 from mbd.contacts.supports import Guide, RigidSupportError
 from mbd.equilibrium import Equilibrium, column_weights, newton_equilibrium

@@ -19,7 +19,7 @@ from mbd.limits.force_range import ForceRanges, force_ranges
 from mbd.limits.plane import Reduced, reduced
 from mbd.limits.pushes import interlocking_margin
 from mbd.limits.sliding_collapse import SlidingCollapse, sliding_collapse, sliding_state
-from mbd.results.motion import driven_motion
+from mbd.results.rows import driven_motion
 from mbd.system import RigidSystem
 
 if TYPE_CHECKING:

@@ -35,7 +35,7 @@ from geometry.families.sine_block import SineBlockDivisions
 from geometry.families.tube import SineTube
 from geometry.loads import LoadCase, PressureLoad, TractionLoad, named_load
 from geometry.mesh import HEX_FACES
-from geometry.parts.supports import HeldFace
+from geometry.parts.regions import HeldFace
 from tests.support.blocks import random_rotation, tsb
 from tests.support.fem_problems import loaded_nodes
 

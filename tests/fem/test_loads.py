@@ -23,7 +23,7 @@ from geometry.block import box_block
 from geometry.families.boxes import BrickStack
 from geometry.loads import CircumferentialLoad, LineLoad, LoadCase, PressureLoad, TractionLoad
 from geometry.mesh import FloatArray, QuadSurface, boundary_quads
-from geometry.parts.forces import NodeForces
+from geometry.parts.regions import NodeForces
 from tests.support.fem_problems import distorted_box, loaded_nodes
 
 pytestmark = pytest.mark.quick

@@ -15,7 +15,7 @@ from fem.static.solve import static_state
 from geometry import Assembly, pipe
 from geometry.block import box_block
 from geometry.loads import LoadCase, TractionLoad
-from geometry.parts.supports import HeldFace
+from geometry.parts.regions import HeldFace
 from tests.support.ccx import calculix_available, run_calculix
 from tests.support.coarse_tubes import coarse, pressed, ring
 from tests.support.decks import exported

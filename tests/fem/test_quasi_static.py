@@ -20,7 +20,7 @@ from fem.static.solve import static_state
 from fem.system.effects import AdaptiveMassDamping, BulkViscosity, Effects, RayleighDamping
 from geometry.families.boxes import BrickStack, ColumnBox, box_column
 from geometry.loads import LoadCase, face_pressure, named_load
-from geometry.parts.supports import HeldFace
+from geometry.parts.regions import HeldFace
 from tests.support.answers import on_its_mesh
 from tests.support.coarse_tubes import coarse, ring
 from tests.support.explicit_runs import explicit_run

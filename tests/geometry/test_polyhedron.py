@@ -18,8 +18,7 @@ from geometry.mesh import FloatArray, IntArray, MeshError, boundary_quads
 from geometry.parts.placed import AssemblyError
 from geometry.polyhedra.assembly import PolyhedralAssembly, polyhedral_assembly
 from geometry.polyhedra.facet_contact import ContactPolygons
-from geometry.polyhedra.near.box_tree import overlapping_boxes
-from geometry.polyhedra.near.triangle_search import enclosed, segment_piercings
+from geometry.polyhedra.near.triangle_search import enclosed, overlapping_boxes, segment_piercings
 from geometry.polyhedra.options import DetectionOptions
 from geometry.polyhedra.overlap import check_assembly, find_overlaps
 from geometry.polyhedra.polyhedron import (

@@ -9,8 +9,7 @@ from fem import CoulombFriction
 from geometry.families.boxes import ColumnBox, box_column
 from geometry.loads import LoadCase
 from geometry.parts.placed import AnyBlocks
-from geometry.parts.regions import Box, Plane
-from geometry.parts.supports import HeldFace
+from geometry.parts.regions import Box, HeldFace, Plane
 from geometry.polyhedra.assembly import PolyhedralAssembly, as_polyhedral
 from mbd.contacts.supports import RigidSupportError
 from mbd.limits.pushes import push_limit

@@ -12,8 +12,7 @@ from geometry import Assembly
 from geometry.families.boxes import ColumnBox, box_column
 from geometry.loads import LineLoad, LoadCase, PressureLoad, TractionLoad
 from geometry.parts.placed import AnyBlocks
-from geometry.parts.regions import Plane
-from geometry.parts.supports import HeldFace
+from geometry.parts.regions import HeldFace, Plane
 from geometry.polyhedra.assembly import as_polyhedral
 from mbd import MechanismClass, analyse, contact_jacobian
 from mbd.contacts.friction import frictional_contacts

@@ -12,7 +12,7 @@ from fem import CoulombFriction, LinearPenalty, Material, Problem
 from geometry import Assembly
 from geometry.block import box_block
 from geometry.loads import LoadCase, PressureLoad
-from geometry.parts.supports import HeldFace
+from geometry.parts.regions import HeldFace
 from tests.support.commands import command
 
 STONE = Material(density=2.4e-9, young_modulus=30_000.0, poisson_ratio=0.0)

@@ -10,8 +10,7 @@ import numpy as np
 from geometry import Assembly
 from geometry.families.boxes import ColumnBox, box_column
 from geometry.loads import LoadCase, TractionLoad
-from geometry.parts.regions import Plane
-from geometry.parts.supports import HeldFace
+from geometry.parts.regions import HeldFace, Plane
 
 X, Y, Z = np.eye(3)
 

@@ -28,7 +28,7 @@ from geometry import Assembly, Block, PressureLoad, box_block
 from geometry.families.sine_block import TSB1, SineBlockDivisions
 from geometry.families.tube import SineTube
 from geometry.loads import LoadCase, pipe
-from geometry.parts.supports import HeldFace
+from geometry.parts.regions import HeldFace
 from tests.support.ccx import CalculixResult, calculix_available, run_calculix
 
 

@@ -18,8 +18,10 @@ from geometry.mesh import FloatArray, IntArray, QuadSurface
 from geometry.parts.block_selection import chosen_block, chosen_blocks
 from geometry.parts.placed import AnyBlocks
 from geometry.parts.regions import (
+    PUSH,
     Box,
     Edges,
+    HeldFace,
     Plane,
     Where,
     blocks_with,
@@ -28,7 +30,6 @@ from geometry.parts.regions import (
     region_nodes,
     region_quads,
 )
-from geometry.parts.supports import PUSH, HeldFace
 from validation.errors import InputError
 from validation.scene.read import DeformableScene
 from validation.scene.supports import (

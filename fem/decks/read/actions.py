@@ -13,7 +13,7 @@ from fem.decks.read.cards import Card
 from fem.decks.read.model import ModelLines, Step, path_of, smooth_time
 from geometry.loads import FaceLoad
 from geometry.mesh import FloatArray, IntArray
-from geometry.parts.supports import HeldFace
+from geometry.parts.regions import HeldFace
 
 #: Displacement of a component [mm], and times [s] and shares of it; (): with the loads.
 Moved = tuple[float, tuple[tuple[float, float], ...]]

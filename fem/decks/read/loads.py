@@ -13,7 +13,7 @@ from fem.decks.read.model import path_of, smooth_time
 from geometry.assembly import Assembly
 from geometry.loads import CircumferentialLoad, PressureLoad, TractionLoad
 from geometry.mesh import FloatArray, IntArray
-from geometry.parts.forces import NodeForces
+from geometry.parts.regions import NodeForces
 
 #: Gravity of blocks that differs by less is the same.
 _SAME = 1e-9

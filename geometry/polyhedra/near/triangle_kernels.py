@@ -69,7 +69,7 @@ def _next_leaf(low, high, group, tree, tree_group, stack, top):
 def boxes_in_tree(boxes, group, tree, tree_group, order, stack, pairs):
     """Count, and store as far as there is room, pairs of a box and one of a tree that overlap.
 
-    Trees, groups and the order of pairs as in `geometry.polyhedra.near.box_tree.BoxTree`;
+    Trees, groups and the order of pairs as in `geometry.polyhedra.near.triangle_search.BoxTree`;
     ``stack`` is room for `DEEPEST` nodes.
     """
     result = 0

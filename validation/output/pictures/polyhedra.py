@@ -11,7 +11,7 @@ from geometry.answer import Answer
 from geometry.mesh import FloatArray
 from geometry.parts.measures import chain
 from geometry.polyhedra.assembly import PolyhedralAssembly
-from geometry.polyhedra.near.box_tree import overlapping_boxes
+from geometry.polyhedra.near.triangle_search import overlapping_boxes
 from geometry.polyhedra.overlap import SignedDistance
 from validation.output.pictures.bodies import (
     EYE,
