@@ -12,7 +12,6 @@ import pytest
 from geometry import RefusedError
 from tests.support.coarse_tubes import coarse
 from tests.support.commands import answered, set_words
-from tests.support.keys import leaves, other
 from validation import Case, builtin_names, load_case, solve, sweep
 from validation.scene.read import apply_overrides, scene_data
 
@@ -23,6 +22,28 @@ EVERYTHING = (
     *("effects.elastic_frame=false", "fem.mesh='scene'", "fem.error_estimate=false"),
     *("fem.load_steps=2", "rigid.friction_law='pyramid'", "rigid.margin=false"),
 )
+
+
+def other(value: object) -> object:
+    """Another value of the same kind that a scene takes."""
+    words = {"newton": "clarabel", "force": "pressure", "static": "paper", "cone": "pyramid"}
+    words |= {"incompatible": "full", "pyramid": "cone"}
+    if isinstance(value, bool):
+        return not value
+    if isinstance(value, int):
+        return value + 1
+    if isinstance(value, float):
+        return 0.7 * value if value else 0.01
+    return words.get(str(value), value)
+
+
+def leaves(data: dict[str, object], place: str = "") -> list[tuple[str, object]]:
+    """Keys of a scene with their values."""
+    found: list[tuple[str, object]] = []
+    for key, value in data.items():
+        inner = isinstance(value, dict)
+        found += leaves(value, f"{place}{key}.") if inner else [(f"{place}{key}", value)]  # type: ignore[arg-type]
+    return found
 
 
 def rigid(case: Case) -> np.ndarray:

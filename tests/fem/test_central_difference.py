@@ -442,22 +442,6 @@ def test_threads_copies_and_samples_do_not_change_a_bit(name):
     np.testing.assert_array_equal(results[0], results[2])
 
 
-def test_one_copy_gives_the_answer_of_many():
-    # One copy sums in another order: differences of round-off, amplified by at most n_steps.
-    mesh = distorted_box((3, 2, 2))
-    velocity = np.random.default_rng(0).standard_normal((2, mesh.n_nodes, 3))
-    found = []
-    for n in (1, 2):
-        group = placed_body(mesh, CONCRETE, rotations=PLACEMENTS[1 : 1 + n])
-        model = lone_bodies((group,))
-        found.append(
-            explicit_run(model, velocities=[velocity[:n]], **short(model, 100)).displacements[0][0]
-        )
-    np.testing.assert_allclose(
-        found[0], found[1], rtol=0, atol=100 * 1e-15 * np.abs(found[0]).max()
-    )
-
-
 def test_gravity_gives_free_fall():
     # u = ½ g t² exactly for a constant acceleration from rest.
     group = placed_body(cube(2), CONCRETE, rotations=PLACEMENTS)

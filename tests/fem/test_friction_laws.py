@@ -12,7 +12,7 @@ from tests.support.explicit_runs import explicit_run
 from tests.support.fem_problems import in_contact
 from tests.support.floor import GRAVITY, block_on_floor
 from tests.support.lone_bodies import fixed_nodes, lone_bodies, with_supports
-from tests.support.sliding_plate import plate
+from validation import Case, load_case
 
 #: A block of 40 × 30 mm² pressed into the floor so far, on a linear law [mm, MPa/mm].
 SINK, PENALTY, AREA = 5e-4, 200.0, 1200.0
@@ -83,6 +83,25 @@ def test_gravity_that_grows_does_the_work_that_it_does():
     assert speed == pytest.approx(expected, rel=1e-6)
     energies = result.run.energies
     assert energies.external_work == pytest.approx(energies.kinetic_energy, rel=1e-10)
+
+
+def plate(method: str, damping: str = "static", *, rough: bool = True) -> Case:
+    """A plate on a held one, gravity leaning by 0.8 of the angle of friction, 0.3, or not rough."""
+    friction = {"friction": {"coefficient": 0.3, "stick_stiffness": 100.0}} if rough else {}
+    boxes = [{"size": [50.0, 50.0, 10.0], "divisions": [2, 2, 1]}] * 2
+    return load_case(
+        {
+            "block": {"type": "boxes", "boxes": boxes},
+            "load": {"pressure": 1e-6},
+            "material": {"density": 2.4e-9, "young_modulus": 33e3, "poisson_ratio": 0.2},
+            "contact": {"law": "linear", "stiffness": 200.0},
+            "fem": {"method": method} | ({"damping": damping} if method == "explicit" else {}),
+            "effects": {
+                "gravity": [0.8 * 0.3 * GRAVITY if rough else 0.0, 0.0, -GRAVITY],
+                **friction,
+            },
+        }
+    )
 
 
 def test_gravity_grows_only_on_the_way_to_a_static_state():

@@ -10,7 +10,6 @@ from hypothesis import strategies as st
 from fem import Problem, concrete
 from fem.accuracy.ladder import PRESSURES, Rung, on_rung, split
 from fem.element.hexahedron import gauss_gradients, mean_gradients
-from fem.element.kinds import block_lumped_mass
 from fem.system.rows import (
     LoadError,
     SmoothStepAmplitude,
@@ -150,13 +149,6 @@ def test_loads_on_flat_faces_have_one_resultant_on_every_mesh() -> None:
     assert _resultant(skew) == pytest.approx(
         sum(np.concatenate([force, np.cross(at, force)]) for force, at in parts[:2]), rel=1e-11
     )
-
-
-def test_nodes_carry_the_mass_of_their_block() -> None:
-    """The row-sum mass is exact, so is the weight that it gives."""
-    mesh = distorted_box()
-    mass = block_lumped_mass(mesh, 2.4e-9)
-    assert mass.sum() == pytest.approx(2.4e-9 * mesh.extent()[0], rel=1e-13)
 
 
 def test_bad_loads_are_refused_by_name() -> None:

@@ -25,7 +25,6 @@ from fem.system.sector import largest_sector
 from geometry import (
     Block,
     OsteomorphicWall,
-    SineBlock,
     beam,
     box_block,
     pillar,
@@ -38,20 +37,20 @@ from geometry.block import unit_lines
 from geometry.families.hexagon_block import HexagonBlockDivisions, hexagon_block
 from geometry.refinement import charts_of, with_lines
 from tests.support.answers import PLAIN, by_options
+from tests.support.blocks import tsb
 from tests.support.coarse_tubes import coarse, ring
 from tests.support.commands import ANSWER_FILES, answered, set_words
 from tests.support.lagrange_meshes import HEXAGON, WALL, sine
-from tests.support.shapes import SHAPE
 from validation import read_answer
 
 TUBE = ring(1, (12, 1, 2))
 TOWER = ring(2, (12, 1, 2))
 #: Half a turn takes facets between its layers onto themselves.
-IMAGES = tube(SineBlock(**SHAPE | {"frequency": 1}), layers=2, mesh=(6, 1, 2))
+IMAGES = tube(tsb(frequency=1), layers=2, mesh=(6, 1, 2))
 FOUR = OsteomorphicWall(100.0, 40.0, 60.0, 8.0, divisions=(4, 2, 2), columns=2, layers=2).build()
 #: With fewer elements, for those of degree 3, which follow half a wave.
 FEWER = (
-    (TUBE, tube(SineBlock(**SHAPE | {"frequency": 1}), layers=1, mesh=(6, 1, 1))),
+    (TUBE, tube(tsb(frequency=1), layers=1, mesh=(6, 1, 1))),
     (TOWER, ring(2, (12, 1, 1))),
     (
         FOUR,

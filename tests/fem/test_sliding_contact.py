@@ -17,9 +17,9 @@ from fem.explicit.start import prepare
 from fem.explicit.step import step
 from geometry import Assembly
 from geometry.block import box_block
-from geometry.loads import LoadCase
-from tests.support.fem_problems import deformable_assembly, in_contact
-from tests.support.sliding_tube import CONCRETE, tube
+from geometry.loads import LoadCase, named_load
+from tests.support.coarse_tubes import ring
+from tests.support.fem_problems import CONCRETE, deformable_assembly, in_contact
 
 
 def sliding_block(speed):
@@ -108,7 +108,8 @@ def test_closest_points_of_a_warped_facet():
 
 
 def test_explicit_runs_that_search_refuse_reference_normals():
-    deformable = tube()
+    found = ring(1, (12, 2, 4))
+    deformable = deformable_assembly(found, named_load("pipe", 0.01).on(found), CONCRETE)
     stated = replace(deformable.contact, normals=ContactNormals.REFERENCE)
     with pytest.raises(ContactError, match="current ones"):
         timed_system(in_contact(replace(deformable, contact=stated), finite_sliding=True))

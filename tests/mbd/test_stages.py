@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 
 from fem import CoulombFriction, Problem, concrete
-from geometry import SineBlock, tube
 from geometry.families.masonry import CircularArch
 from geometry.polyhedra.assembly import PolyhedralAssembly, polyhedral_assembly
 from mbd import analyse, stages, take_out
 from mbd.building.stages import Stands
 from mbd.options import Along, Stages
 from tests.support.assemblies import boxes
+from tests.support.coarse_tubes import ring
 from tests.support.dome import hemisphere
 
 #: Gravity times density of concrete [N/mm³].
@@ -161,10 +161,7 @@ def test_a_dome_rises_ring_by_ring_as_it_is_judged_whole() -> None:
 @pytest.mark.quick
 def test_a_tube_goes_together_layer_by_layer() -> None:
     """The last stage is the upper end ring; without it the rings come out from above."""
-    block = SineBlock(
-        height=200, amplitude=20, frequency=1.5, blocks_per_layer=4, inner_radius=120, thickness=40
-    )
-    given = problem(tube(block, layers=3, mesh=(12, 2, 4)), None)
+    given = problem(ring(3, (12, 2, 4)), None)
     found = stages(given, "layers")
     assert [len(stage.new) for stage in found] == [4, 4, 4, 4]
     assert not any(stage.blocked for stage in found)

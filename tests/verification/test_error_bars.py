@@ -39,6 +39,7 @@ from fem.answer.measures import measures_of
 from geometry import Assembly, Measure, SineBlock, pipe, shaft, tube
 from geometry.answer import WIDEST
 from tests.support.answers import PLAIN
+from tests.support.coarse_tubes import pressed
 from tests.verification import error_bars
 from tests.verification.concentric import Shells
 from tests.verification.error_problems import Case, cases
@@ -235,10 +236,7 @@ def test_boxes_have_bars_where_their_coarser_meshes_do_not_match() -> None:
 
 def test_coarser_meshes_keep_the_waves_of_the_faces_that_meet() -> None:
     """At half the elements every corner of 12 lies at a zero of the sine: the faces were flat."""
-    block = SineBlock(
-        height=200, amplitude=20, frequency=1.5, blocks_per_layer=4, inner_radius=120, thickness=40
-    )
-    problem = Problem(tube(block, layers=1, mesh=(12, 1, 4)), pipe(0.01), concrete)
+    problem = pressed(1, (12, 1, 4))
     assert coarser(problem, 0.5) is None
     found = coarser(problem, 2.0 / 3.0)
     assert found is not None
