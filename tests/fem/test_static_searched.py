@@ -134,6 +134,6 @@ def test_a_box_is_drawn_over_many_facets_out_of_the_channel_between_two_others()
         assert found.areas.sum() == pytest.approx(2.0 * 80.0 * (100.0 - aside), rel=4e-4)
         after = found.areas @ found.pressures
         sticks = 0.3 * found.point_pressures.max() / model.stick() + 1e-2 + 6.0 / 50.0
-        lost = state.frictional_dissipation
+        lost = state.evidence.frictional_dissipation
         assert 0.3 * after * (6.0 - sticks) < lost < 0.3 * before * 6.0
         before = after
