@@ -30,10 +30,14 @@ from scipy.sparse import csr_array
 
 from fem.contact.law import ContactLaw
 from fem.element.functions import FacetBasis, basis_of
+from fem.element.hexahedron import chunks
 from geometry.assembly import Assembly
 from geometry.errors import RefusedError
 from geometry.machine.work import Operation, count
 from geometry.mesh import FloatArray, IntArray, ReadOnlyArrays, cross_matrix, run_starts
+
+#: Points times nodes whose gradients are computed at a time: what a cache holds.
+_AT_ONCE = 1 << 14
 
 
 class ContactError(RefusedError):
@@ -101,13 +105,20 @@ class ContactPoints(ReadOnlyArrays):
 
     def kinematics(self, moved: FloatArray) -> PointKinematics:
         """Overclosures and gradients at displacements of the nodes, (n, nodes of both, 3) [mm]."""
-        frame, slopes = self.frame(moved), self.slopes
-        gradient = -np.einsum("fpa,fpi->fpai", self.functions, frame.normal)
-        if slopes.any():
-            by_tangents = frame.by_tangents
-            turning = np.einsum("fpa,fpi->fpai", slopes[:, :, 0], by_tangents[:, :, 0])
-            turning += np.einsum("fpa,fpi->fpai", slopes[:, :, 1], by_tangents[:, :, 1])
-            gradient += turning
+        frame = self.frame(moved)
+        by_tangents = frame.by_tangents if self.slopes.any() else None
+        gradient = np.empty((*frame.gap.shape, moved.shape[1], 3))
+        # Runs along all nodes, not along three components, of what a cache holds.
+        for part in chunks(len(gradient), max(1, 3 * _AT_ONCE // max(gradient[:1].size, 1))):
+            functions, slopes = (
+                given if len(given) == 1 else given[part] for given in (self.functions, self.slopes)
+            )
+            for i in range(3):
+                along = functions * -frame.normal[part, :, i, None]
+                if by_tangents is not None:
+                    turning = slopes[:, :, 0] * by_tangents[part, :, 0, i, None]
+                    along += turning + slopes[:, :, 1] * by_tangents[part, :, 1, i, None]
+                gradient[part, ..., i] = along
         return PointKinematics(-frame.gap - self.clearance, gradient)
 
     # ---- by the state of a system, (n_rows, 3) [mm]
