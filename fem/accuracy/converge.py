@@ -312,9 +312,8 @@ def bars_under(
     if not coarser:
         return {}
     solved = list(climbed(problem, coarser, options, factor))
-    measures = measures_of(there, facets=means_on(problem.blocks, there))
-    numbers = [one.numbers for one in solved]
-    numbers.append(_on_mesh(on_rung(problem, last), last, measures, load_step_change(there)))
+    finest = _on_mesh(on_rung(problem, last), last, there, means_on(problem.blocks, there))
+    numbers = [*(one.numbers for one in solved), finest]
     bars = sequence_bars(numbers, searched=problem.searches)
     return with_stick(bars, _stick_change(solved[0], options, factor))
 
@@ -407,35 +406,29 @@ def _solve(
     """Solve on one mesh under a factor times the loads, from the state on a coarser one."""
     begun = time.process_time()
     with budget() as spent:
-        state, facets = _state(base, stated, options, before, factor)
-        measures = dict(measures_of(state, facets=facets))
-        steps, load_steps = load_step_change(state), None
-        if before is not None and steps:
+        state = _state(stated, options, before, factor)
+        facets = means_on(base.blocks, state)
+        numbers, load_steps = _on_mesh(stated, rung, state, facets), None
+        if before is not None and numbers.steps:
             load_steps = state.evidence.load_steps
         elif before is not None and before.load_steps is not None:
-            steps, load_steps = dict(before.numbers.steps), before.load_steps
+            numbers, load_steps = replace(numbers, steps=before.numbers.steps), before.load_steps
     beside = {
         "elements_per_block": stated.blocks.shapes[0].mesh.n_elements,
         "unknowns": state.displacement.size,
         "cpu_seconds": time.process_time() - begun,
         "work": spent.seconds,
     }
-    numbers = replace(_on_mesh(stated, rung, measures, steps), beside=beside)
-    return Solved(stated, state, facets, numbers, spent, load_steps)
+    return Solved(stated, state, facets, replace(numbers, beside=beside), spent, load_steps)
 
 
-def _on_mesh(stated: Problem, rung: Rung, measures: Mapping[str, Measure], steps: Values) -> OnMesh:
+def _on_mesh(stated: Problem, rung: Rung, state: State, facets: MeshFacets | None) -> OnMesh:
+    measures, steps = dict(measures_of(state, facets=facets)), load_step_change(state)
     return OnMesh(measures, rung, fineness(stated), fineness(stated, "along"), steps)
 
 
-def _state(
-    base: Problem,
-    stated: Problem,
-    options: StaticOptions,
-    before: Solved | None,
-    factor: float,
-) -> tuple[State, MeshFacets | None]:
-    """State on a mesh, and the mean pressures on the facets of the mesh that was stated."""
+def _state(stated: Problem, options: StaticOptions, before: Solved | None, factor: float) -> State:
+    """State on a mesh, from that on a coarser one where it may start there."""
     start, known = None, list[tuple[float, tuple[FloatArray, ...]]]()
     if before is not None and stated.system.meets and _may_start(stated, before.problem):
         coarse = before.state
@@ -450,8 +443,7 @@ def _state(
             else:
                 halved = max(options.load_steps, coarse.evidence.load_steps // 2)
                 options = replace(options, load_steps=halved)
-    state = state_of(stated, options, factor, start=start, known=known)
-    return state, means_on(base.blocks, state)
+    return state_of(stated, options, factor, start=start, known=known)
 
 
 def _may_start(stated: Problem, before: Problem) -> bool:
