@@ -35,8 +35,7 @@ from fem.element.material import von_mises
 from fem.problem import Problem
 from fem.state import State
 from fem.static.linear_step.linearisation import StaticError
-from fem.stresses.peaks import nodal_stress_range
-from fem.stresses.recovery import recovered_of
+from fem.stresses.recovery import nodal_stress_range, recovered_of
 from fem.stresses.sections import section_forces
 from geometry.answer import Answer, Array, Lazy, Measure, known
 from geometry.assembly import Assembly

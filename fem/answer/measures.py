@@ -27,7 +27,7 @@ from fem.answer.pressures import (
     pressure_between_nodes,
 )
 from fem.state import State, once
-from fem.stresses.peaks import Peak, nearest_face, stress_peaks
+from fem.stresses.recovery import Peak, nearest_face, stress_peaks
 from fem.system.contact_state import corner_displacements
 from fem.system.loose import loose_blocks
 from fem.system.reactions import PushCurve

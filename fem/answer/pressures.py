@@ -17,7 +17,7 @@ import numpy as np
 
 from fem.contact.law import ContactLaw, ExponentialLaw
 from fem.state import State, once
-from fem.stresses.peaks import Peak, nearest_face
+from fem.stresses.recovery import Peak, nearest_face
 from fem.system.contact_state import facets_that_fit
 from fem.system.system import System
 from geometry.errors import RefusedError

@@ -29,9 +29,8 @@ from scipy.spatial import cKDTree
 from fem.element.functions import line_basis
 from fem.element.hexahedron import point_volumes
 from fem.element.kinds import integration_points
-from fem.element.lagrange import adjugates
-from fem.element.material import largest_tension, principal_stress, stress_of_gradient
-from fem.stresses.recovery import MovedBodies
+from fem.element.lagrange import Lagrange, adjugates
+from fem.element.material import Material, largest_tension, principal_stress, stress_of_gradient
 from fem.system.body import Body
 from geometry.machine.work import Operation, count
 from geometry.mesh import BoolArray, FloatArray, IntArray
@@ -55,6 +54,29 @@ _STEPS = 4
 _MOST_CELLS, _FEW = 400_000, 200
 #: Points of an element among which those near some places are looked for one by one.
 _MOST_POINTS = 10_000
+
+
+@dataclass(frozen=True)
+class MovedBodies:
+    """Congruent bodies of curved elements, each in its own frame."""
+
+    element: Lagrange
+    material: Material
+    positions: FloatArray
+    """Nodes, (n_nodes, 3) [mm]."""
+    elements: IntArray
+    """Nodes of each element, (n_elements, (degree + 1)³)."""
+    displacements: FloatArray
+    """Of the nodes of every body, (n_bodies, n_nodes, 3) [mm]."""
+
+
+def moved_bodies(body: Body, local: FloatArray) -> MovedBodies:
+    """Copies of a body with elements of a degree above 1.
+
+    Displacements are those in block frames, (n_copies, n_nodes, 3) [mm].
+    """
+    mesh, element = body.mesh, Lagrange(body.mesh.degree)
+    return MovedBodies(element, body.material, mesh.nodes, mesh.connectivity, local)
 
 
 @dataclass(frozen=True)

@@ -1,23 +1,46 @@
-"""Stresses of a finished run at nodes and integration points, in world axes.
+"""Stresses of a state: at nodes, at integration points, and the largest and least of them.
 
-Nodal stresses are recovered as `fem.element.kinds.nodal_stress` states. Under finite
-rotation the displacement is taken in each block's best-fitting rigid frame, as in the solver.
+Nodal stresses are recovered as `fem.element.kinds.nodal_stress` states. Under finite rotation the
+displacement is taken in each block's best-fitting rigid frame, as in the solver.
+
+Peaks are sampled at the integration points inside elements and never averaged across them: at the
+acute edge of a block the limit depends on the direction from which it is approached, and a nodal
+average of it means nothing.
+
+No criterion of cracking lives at a point. `averaged` stresses are means over the part of a ball
+that lies in the block, of the radius of a material length.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from fem.element.functions import TensorPoints, tensor_points
-from fem.element.lagrange import Lagrange
-from fem.element.material import Material, principal_stress, rotate_stress
+from fem.element.hexahedron import at_corners
+from fem.element.kinds import integration_points
+from fem.element.material import (
+    invariants,
+    largest_tension,
+    principal_stress,
+    rotate_stress,
+    von_mises,
+)
 from fem.state import State, once
+from fem.stresses.ball_averages import (
+    MovedBodies,
+    averaged_tension,
+    means_at_elements,
+    moved_bodies,
+)
 from fem.system.body import Body
-from geometry.mesh import FloatArray, IntArray, ReadOnlyArrays, cross_matrix
+from fem.system.system import System
+from geometry.mesh import HEX_FACES, FloatArray, IntArray, ReadOnlyArrays, cross_matrix
+from geometry.parts.measures import first_largest
 
 
 @dataclass(frozen=True)
@@ -101,29 +124,6 @@ def block_displacements(
     return back @ frames, frames + turn @ frames
 
 
-@dataclass(frozen=True)
-class MovedBodies:
-    """Congruent bodies of curved elements, each in its own frame."""
-
-    element: Lagrange
-    material: Material
-    positions: FloatArray
-    """Nodes, (n_nodes, 3) [mm]."""
-    elements: IntArray
-    """Nodes of each element, (n_elements, (degree + 1)³)."""
-    displacements: FloatArray
-    """Of the nodes of every body, (n_bodies, n_nodes, 3) [mm]."""
-
-
-def moved_bodies(body: Body, local: FloatArray) -> MovedBodies:
-    """Copies of a body with elements of a degree above 1.
-
-    Displacements are those in block frames, (n_copies, n_nodes, 3) [mm].
-    """
-    mesh, element = body.mesh, Lagrange(body.mesh.degree)
-    return MovedBodies(element, body.material, mesh.nodes, mesh.connectivity, local)
-
-
 def recover(body: Body, displacement: FloatArray, *, finite_rotation: bool = False) -> Recovered:
     """Stresses of all copies of a body.
 
@@ -188,3 +188,177 @@ def equidistant(degree: int) -> TensorPoints:
 def grid_places(degree: int) -> IntArray:
     """Place in each direction of each point of `LagrangeCells`, (n_points, 3)."""
     return np.indices((degree + 1,) * 3, dtype=np.int64).reshape(3, -1).T
+
+
+# ---------------------------------------------------------------------------------------------
+# Largest and least stresses, with their place
+
+
+@dataclass(frozen=True)
+class Peak(ReadOnlyArrays):
+    """A largest value and where it is."""
+
+    value: float
+    """[MPa], or [mm] of a displacement."""
+    blocks: tuple[int, ...]
+    """The block, or the two that press on each other."""
+    position: FloatArray
+    """World axes, before the load acts, (3,) [mm]."""
+    face: str | None
+    """Named face of the first block that the element or facet lies on; None inside."""
+    resolved: bool = True
+    """Whether the integration points resolve the value."""
+
+
+@dataclass(frozen=True)
+class StressPeaks:
+    """Largest and least principal stresses of an assembly."""
+
+    sigma_1: Peak
+    """Largest first principal stress at an integration point."""
+    sigma_3: Peak
+    """Least third principal stress there."""
+    mises: Peak
+    """Largest von Mises stress there."""
+    sigma_1_averaged: Peak
+    """Largest first principal stress of the stress averaged over a ball; the ball's centre."""
+    averaging_radius: float
+    """Radius of that ball [mm]."""
+    sigma_1_at_corners: float
+    """Largest first principal stress at a corner of an element, continued from its own integration
+    points: what those may hide [MPa]."""
+    sigma_3_at_corners: float
+    """Least third principal stress there [MPa]."""
+    mises_at_corners: float
+    """Largest von Mises stress there [MPa]."""
+
+
+@once
+def stress_peaks(state: State) -> StressPeaks:
+    """Sample the stresses inside all elements; balls have the radius that each material states."""
+    result = [_group_peaks(state.whole, *moved) for moved in _moved_blocks(state)]
+    averaged = result[first_largest(np.array([f.sigma_1_averaged.value for f in result]))]
+    return StressPeaks(
+        sigma_1=_largest([f.sigma_1 for f in result]),
+        sigma_3=_largest([f.sigma_3 for f in result], -1.0),
+        mises=_largest([f.mises for f in result]),
+        sigma_1_averaged=averaged.sigma_1_averaged,
+        averaging_radius=averaged.averaging_radius,
+        sigma_1_at_corners=max(f.sigma_1_at_corners for f in result),
+        sigma_3_at_corners=min(f.sigma_3_at_corners for f in result),
+        mises_at_corners=max(f.mises_at_corners for f in result),
+    )
+
+
+def nodal_stress_range(state: State) -> tuple[float, float]:
+    """Least σ₃ and largest σ₁ at the nodes [MPa]."""
+    found = [principal_stress(body.nodal_stress(u)) for body, _, u in _moved_blocks(state)]
+    return min(p[..., 2].min() for p in found), max(p[..., 0].max() for p in found)
+
+
+def _moved_blocks(state: State) -> Iterator[tuple[Body, IntArray, FloatArray]]:
+    """Bodies, those of their blocks that are judged (n,), and how these moved in their frames.
+
+    Displacements are (n, n_nodes, 3) [mm]. Static states are searched in the blocks that are
+    computed, explicit ones in all.
+    """
+    whole = state.whole
+    chosen = whole.deformable_blocks
+    if state.run is None:
+        chosen = np.unique(state.system.orbits.representative[chosen])
+    for number, (body, u) in enumerate(zip(whole.bodies, state.displacements, strict=True)):
+        local, _ = block_displacements(body, u, finite_rotation=state.finite_rotation)
+        blocks = chosen[whole.body_number[chosen] == number]
+        yield body, blocks, local[whole.copy_of[blocks]]
+
+
+def _largest(peaks: list[Peak], sign: float = 1.0) -> Peak:
+    values = sign * np.array([peak.value for peak in peaks])
+    return replace(peaks[first_largest(values)], value=sign * float(values.max()))
+
+
+def _group_peaks(system: System, body: Body, blocks: IntArray, local: FloatArray) -> StressPeaks:
+    """Of blocks of one body, from displacements in their frames (n_blocks, n_nodes, 3) [mm]."""
+    radius = body.material.averaging_radius
+    linear, stress = body.element.degree == 1, body.point_stress(local)
+    points = integration_points(body.mesh, body.element)
+    per_element = len(points) // body.mesh.n_elements
+
+    def placed(value: float, copy: int, where: FloatArray, element: int | None = None) -> Peak:
+        block, face = int(blocks[copy]), None
+        if element is not None:
+            face = _element_face(system, block, element, where)
+        world = system.assembly.place(block, where[None])[0] + system.offsets[block]
+        return Peak(value, (block,), world, face)
+
+    def peak(values: FloatArray, at: FloatArray, sign: float = 1.0) -> Peak:
+        copy, row = (int(k) for k in np.unravel_index(first_largest(values), values.shape))
+        element = row // per_element if linear and at is points else None
+        return placed(sign * float(values.max()), copy, at[row], element)
+
+    first = peak(largest_tension(stress), points)
+    third = peak(largest_tension(-stress), points, -1.0)
+    mises = peak(np.sqrt(3.0 * invariants(stress)[1]), points)
+    if linear:
+        centres, means = means_at_elements(body, stress, radius)
+        averaged = peak(largest_tension(means), centres)
+        at_corners = _corner_extremes(body, stress)
+    else:  # points hide nothing towards corners, where polynomials overshoot
+        of_ball, at_cells = averaged_tension(moved_bodies(body, local), radius)
+        averaged = placed(of_ball.value, of_ball.layer - 1, of_ball.position)
+        if first.value < averaged.value:  # of a large element they are far from its ends
+            first = placed(at_cells.value, at_cells.layer - 1, at_cells.position)
+        at_corners = first.value, third.value, mises.value
+    return StressPeaks(first, third, mises, averaged, radius, *at_corners)
+
+
+def _corner_extremes(body: Body, stress: FloatArray) -> tuple[float, float, float]:
+    """Largest σ₁, least σ₃ and largest von Mises stress at corners of elements.
+
+    Of those elements that hold half of the extreme inside.
+    """
+    stress = stress.reshape(-1, len(body.element.points), 6)
+    values = principal_stress(stress)
+    first, third = values[:, :, 0].max(axis=1), values[:, :, 2].min(axis=1)
+    mises = von_mises(values).max(axis=1)
+    high = stress[first >= first.max() - 0.5 * abs(first.max())]
+    low = stress[third <= third.min() + 0.5 * abs(third.min())]
+
+    def corners(inside: FloatArray) -> FloatArray:
+        return principal_stress(at_corners(inside))
+
+    return (
+        float(corners(high)[:, :, 0].max()),
+        float(corners(low)[:, :, 2].min()),
+        float(von_mises(corners(stress[mises >= 0.5 * mises.max()])).max()),
+    )
+
+
+# ---------------------------------------------------------------------------------------------
+# Places
+
+
+def _element_face(system: System, block: int, element: int, at: FloatArray) -> str | None:
+    """Named face nearest to a point among those that its element lies on."""
+    shape = system.assembly.shape(block)
+    own = np.sort(shape.mesh.elements[element][HEX_FACES], axis=1)
+    best: tuple[float, str | None] = (np.inf, None)
+    for name, quads in shape.faces.items():
+        sides = (np.sort(quads, axis=1)[:, None] == own[None]).all(axis=2)
+        for quad in quads[sides.any(axis=1)]:
+            distance = float(np.linalg.norm(shape.mesh.nodes[quad].mean(axis=0) - at))
+            best = min(best, (distance, name), key=lambda pair: pair[0])
+    return best[1]
+
+
+def nearest_face(system: System, block: int, where: FloatArray) -> str | None:
+    """Named face with the facet nearest to a point; contact faces first where two meet."""
+    assembly = system.assembly
+    shape = assembly.shape(block)
+    nodes = assembly.nodes(block) + system.offsets[block]
+    names = [*shape.contact_faces, *(n for n in shape.faces if n not in shape.contact_faces)]
+    distances = {
+        name: float(np.linalg.norm(nodes[np.unique(shape.faces[name])] - where, axis=1).min())
+        for name in names
+    }
+    return min(distances, key=lambda name: distances[name], default=None)

@@ -12,8 +12,8 @@ from fem.accuracy.transfer import interpolation
 from fem.element.lagrange import Lagrange, LagrangeMesh, with_degree
 from fem.static.linear_step.grid_block import windows
 from fem.stresses import ball_averages
-from fem.stresses.ball_averages import _Cells, _tension, averaged_tension
-from fem.stresses.recovery import MovedBodies, cells_of, grid_places
+from fem.stresses.ball_averages import MovedBodies, _Cells, _tension, averaged_tension
+from fem.stresses.recovery import cells_of, grid_places
 from fem.system.body import placed_body
 from geometry.block import Places
 from geometry.files.mesh_io import write_lagrange_cells

@@ -16,8 +16,7 @@ from fem.element.kinds import integration_points
 from fem.problem import Problem
 from fem.state import State
 from fem.stresses.ball_averages import means_at_elements
-from fem.stresses.peaks import stress_peaks
-from fem.stresses.recovery import recover
+from fem.stresses.recovery import recover, stress_peaks
 from geometry import Answer, Measure
 from geometry.answer import TITLES, measure_rows
 from tests.support.answers import on_its_mesh

@@ -10,13 +10,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from fem.element.material import von_mises
+from fem.stresses.ball_averages import moved_bodies
 from fem.stresses.recovery import (
     Recovered,
     block_displacements,
     cells_of,
     equidistant,
     grid_places,
-    moved_bodies,
     recover,
     recovered_of,
 )
