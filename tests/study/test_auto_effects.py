@@ -16,8 +16,7 @@ from geometry import Answer
 from tests.support.answers import on_its_mesh
 from tests.support.coarse_tubes import coarse
 from tests.support.commands import command, set_words
-from validation import Case, InputError, compare, load_case
-from validation.study.comparison.scene import compared_runs
+from validation import Case, InputError, load_case
 from validation.study.effects.auto import EffectsDecision, decide_effects, require_wider
 from validation.study.effects.probe import Change, Quantities, change, effects_of, has_effect
 
@@ -236,25 +235,6 @@ def test_meshes_that_do_not_match_are_probed() -> None:
     assert "do not match" in sliding.reason
 
 
-# ---------------------------------------------------------------------------------------------
-# Weight in static runs
-
-
-def test_static_tube_carries_its_weight() -> None:
-    # The frame carries load and weight: the z forces of all pairs with a fixed block add up to
-    # the weight of the free blocks (pipe pressure has no axial part), to the residual, 1e-8 of
-    # the loads.
-    answer = on_its_mesh("tsb1-pipe", [*COARSE, "effects.gravity=[0,0,-9806.65]"])
-    problem = answer.problem
-    free = problem.blocks.free_blocks
-    weight = -9806.65 * float((problem.densities * problem.blocks.volumes)[free].sum())
-    force = answer.contacts["force"]
-    m, s = problem.blocks.fixed[answer.contacts["blocks"]].T
-    on_free = force[m & ~s].sum(axis=0) - force[s & ~m].sum(axis=0)
-    assert on_free[2] == pytest.approx(-weight, rel=1e-6)
-    assert answer["p_max"].value > 0
-
-
 def test_sideways_weight_breaks_the_sector() -> None:
     # Static and explicit agree, which they can only with the whole ring: to the explicit run's
     # settling bound, 1e-3.
@@ -263,19 +243,6 @@ def test_sideways_weight_breaks_the_sector() -> None:
     explicit = on_its_mesh("tsb1-pipe", [*sideways, "fem.method='explicit'"])
     assert static.report["symmetry"] == 1
     assert change(numbers(static), numbers(explicit)).largest < 2e-3
-
-
-def test_rigid_blocks_of_a_comparison_weigh_as_much() -> None:
-    # The frame carries the weight of the free blocks, to the residual of the equilibrium.
-    weighed = [*COARSE, "effects.gravity=[0,0,-9806.65]"]
-    weighed += ["fem.mesh='scene'", "fem.error_estimate=false"]
-    answers = compared_runs(load_case("tsb1-pipe", weighed))
-    found, assembly = compare(*answers), answers[0].details.blocks
-    weight = 2.4e-9 * 9806.65 * assembly.volumes[assembly.free_blocks].sum()
-    m, s = assembly.fixed[np.unique(found.contacts["blocks"], axis=0)].T
-    for forces in found.interface_forces[:2]:
-        on_frame = forces[s & ~m].sum(axis=0) - forces[m & ~s].sum(axis=0)
-        assert on_frame[2] == pytest.approx(-weight, rel=1e-6)
 
 
 def test_change_of_nothing_is_no_change() -> None:
