@@ -12,7 +12,12 @@ import pytest
 
 from geometry import Measure
 from validation import InputError, load_case, solve
-from validation.study.combinations import combination_answers, combination_cases, envelope
+from validation.study.combinations import (
+    combination_answers,
+    combination_cases,
+    combination_rows,
+    envelope,
+)
 
 BOX: dict[str, Any] = {
     "block": {"type": "box", "size": [100.0, 50.0, 40.0]},
@@ -94,3 +99,21 @@ def test_combinations_of_other_supports_are_rejected_by_name(factors: dict[str, 
     named = rf"combinations\.a\.{next(iter(factors))}: .* the same supports and motions in all"
     with pytest.raises(InputError, match=named):
         combination_cases(load_case(stated))
+
+
+def test_a_combination_that_is_not_carried_says_so_beside_the_others(tmp_path: Path) -> None:
+    """Its column was empty, and the next one governed: suction above the weight lifts a box."""
+    box = {"size": [100.0, 100.0, 50.0], "divisions": [1, 1, 1]}
+    case = load_case(
+        {
+            "block": {"type": "boxes", "boxes": [box, box]},
+            "load": {"pressure": 0.01},
+            "effects": {"gravity": [0.0, 0.0, -9810.0]},
+            "combinations": {"down": {"load": 1.0}, "up": {"weight": 1.0, "load": -1.0}},
+        },
+        method="rigid",
+    )
+    answers = combination_answers(case, combination_cases(case), tmp_path / "rows.jsonl")
+    title, *verdicts, _ = next(iter(combination_rows(answers)))
+    assert title == "verdict"
+    assert [words.split()[0] for words in verdicts] == ["carried", "not"]

@@ -91,7 +91,9 @@ def print_combinations(file: Case, answers: Mapping[str, Answer], console: Conso
 
 
 def combination_rows(answers: Mapping[str, Answer]) -> Iterator[list[str]]:
-    """Title of each measure, its value under each combination, and which one governs."""
+    """Verdict and each measure under each combination, by title, and which one governs."""
+    verdicts = [answer.rows["verdict"][0] for answer in answers.values()]
+    yield [verdicts[0].title, *(verdict.words for verdict in verdicts), ""]
     for measure, (governing, _) in envelope(answers).items():
         values = [
             a.measures[measure].value_words if measure in a.measures else "–"
