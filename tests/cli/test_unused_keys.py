@@ -175,6 +175,13 @@ def test_a_rigid_study_of_what_rigid_blocks_do_not_have_is_refused(
         assert row["message"] == f"{key}: not used by this method"
 
 
+def test_a_study_of_combinations_is_refused(tubelock) -> None:
+    """Its rows were those of all loads together, whatever the factors."""
+    status, _, line = swept(tubelock, "combinations.all.load", [1.0, 1.5])
+    assert status == 2
+    assert "combinations.all.load: no row of a study depends on it" in line
+
+
 def test_a_study_of_what_matters_goes_on(tubelock) -> None:
     assert swept(tubelock, "load.pressure", [0.01, 0.02])[0] == 0
     assert not any(r["message"] for r in sweep("tsb1-pipe", {"load.pressure": [0.01]}, COARSE).rows)

@@ -52,6 +52,8 @@ from validation.study.study import (
     value_text,
 )
 
+#: Sections on which no row depends.
+_IN_NO_ROW = {"combinations", "pictures", "sections", "stages"}
 #: More values of one parameter than this are a slip of the pen.
 _MOST_VALUES = 100_000
 #: Values of one parameter that are tried before a study begins.
@@ -119,10 +121,17 @@ class SceneStudy(Study):
         method = "rigid" if self.quantity == "rigid" else case.method.name
         none = {f"rigid.{name}" for name in NO_COLUMN} if method == "rigid" else set()
         use, paths = case.key_use(method), [path for path, _ in self.parameters]
+        none |= {path for path in paths if path.partition(".")[0] in _IN_NO_ROW}
         return [path for path in paths if path in none or use.is_idle(path)]
 
     def refuse_idle_parameters(self) -> None:
-        """Refuse to vary what no answer of rigid blocks depends on: rows would be equal."""
+        """Refuse to vary what no row, or no answer of rigid blocks, depends on."""
+        never = [path for path in self.varied if path.partition(".")[0] in _IN_NO_ROW]
+        if never:
+            raise InputError(
+                f"{self.name}: {', '.join(never)}: no row of a study depends on it, so rows would "
+                "be equal; remove it from [parameters]"
+            )
         if self.quantity != "rigid":
             return
         try:
