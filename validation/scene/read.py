@@ -115,7 +115,8 @@ def apply_overrides(data: Mapping[str, Any], settings: Settings) -> dict[str, An
         for key in keys[:-1]:
             inner = target.setdefault(key, {})
             if not isinstance(inner, dict):
-                raise InputError(f"{place}: {key!r} is a value, not a section")
+                kind = "list, which is set as a whole" if isinstance(inner, list) else "value"
+                raise InputError(f"{place}: {key!r} is a {kind}, not a section")
             target = inner
         target[keys[-1]] = value
     _drop_keys_of_replaced_method(data.get("fem"), result.get("fem"))
