@@ -88,7 +88,8 @@ def _without_holes(points: FloatArray, triangles: IntArray) -> tuple[FloatArray,
         corners = points[loop[:-1]]
         arms = corners - corners.mean(axis=0)
         _, extent, _ = np.linalg.svd(arms)
-        if extent[2] <= _FLAT * extent[0]:
+        # A slit, where a corner lies on an edge of a neighbour, has no area to close.
+        if extent[2] <= _FLAT * extent[0] < extent[1]:
             middle = np.full(len(loop) - 1, len(points) + len(middles))
             middles.append(corners.mean(axis=0))
             filled.append(np.column_stack([loop[:-1], loop[1:], middle]))

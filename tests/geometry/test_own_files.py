@@ -136,6 +136,21 @@ def test_faults_are_named_and_mended_on_request(
     assert block.repairs == changes
 
 
+def test_a_slit_is_no_flat_hole(tmp_path: Path) -> None:
+    """A corner on an edge of a neighbour: the slit was closed by triangles without area."""
+    file = obj(tmp_path / "a.obj", {"base": STACK["base"]})
+    lines = file.read_text().splitlines()
+    at = next(k for k, line in enumerate(lines) if line.startswith("f "))
+    face = [int(number) for number in lines[at].split()[1:]]
+    vertices = [line.split()[1:] for line in lines if line.startswith("v ")]
+    ends = np.array([vertices[k - 1] for k in face[:2]], dtype=np.float64)
+    lines[at] = f"f {face[0]} {len(vertices) + 1} " + " ".join(map(str, face[1:]))
+    lines.insert(at, "v " + " ".join(map(str, ends.mean(axis=0))))
+    file.write_text("\n".join(lines) + "\n")
+    with pytest.raises(RefusedError, match=r"the surface is open: 3 edges"):
+        read_blocks(file, repair=True)
+
+
 def test_a_clean_file_is_not_changed_by_repair(tmp_path: Path) -> None:
     file = obj(tmp_path / "a.obj", STACK)
     for plain, mended in zip(read_blocks(file), read_blocks(file, repair=True), strict=True):
