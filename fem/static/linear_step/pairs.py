@@ -91,11 +91,13 @@ class NodePairs:
         blocks = np.swapaxes(gradient, 1, 2) @ by_pairs.reshape(gradient.shape)
         dofs = (3 * self._of_facets[:, :, None] + np.arange(3)).reshape(n_facets, width)
         pressed = slope.any(axis=(1, 2, 3))
-        rows = np.broadcast_to(dofs[pressed][:, :, None], blocks[pressed].shape)
-        columns = np.broadcast_to(dofs[pressed][:, None], blocks[pressed].shape)
-        size = 3 * self.count
-        where = rows.ravel(), columns.ravel()
-        stiffness = csr_array(coo_array((blocks[pressed].ravel(), where), (size, size)))
+        active, place = np.unique(dofs[pressed], return_inverse=True)
+        place, size = np.reshape(place, dofs[pressed].shape), len(active)
+        rows, columns = (
+            np.broadcast_to(at, blocks[pressed].shape).ravel()
+            for at in (place[:, :, None], place[:, None])
+        )
+        stiffness = csr_array(coo_array((blocks[pressed].ravel(), (rows, columns)), (size, size)))
         apart = (self.relative @ before.ravel())[dofs]
         away = linear.constant + self._points.gather(linear.gradient, before) - linear.at
         away -= np.einsum("frw,fw->fr", gradient, apart).reshape(away.shape)
@@ -103,11 +105,10 @@ class NodePairs:
         at_rest = forces + np.einsum("fpkl,fpl->fpk", slope, away)
         turned = self._points.scatter(linear.gradient, forces)
         turned += (self.relative.T @ self._summed(gradient, forces, dofs)).reshape(-1, 3)
-        active = np.unique(dofs[pressed])
         law = PairLaw(
             active,
             csr_array(self.relative[active]),
-            csr_array(stiffness[active][:, active]),
+            stiffness,
             self._summed(gradient, at_rest, dofs)[active],
         )
         return law, turned
