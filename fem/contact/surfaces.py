@@ -148,10 +148,9 @@ class ContactPoints(ReadOnlyArrays):
 
     @cached_property
     def _by_slips(self) -> FloatArray:
-        """∂(slip)/∂(state), (n, n_points, 2, nodes of both, 3)."""
+        """∂(slip)/∂(state), (n, n_points, 2 or 0, nodes of both, 3)."""
         world = np.einsum("fpa,fpki->fpkai", self.functions, self.sides)
-        n, p, _, a, _ = world.shape
-        return self._in_frames(world.reshape(n, 2 * p, a, 3)).reshape(world.shape)
+        return self._in_frames(_flat(world)).reshape(world.shape)
 
     def _in_frames(self, gradient: FloatArray) -> FloatArray:
         """World gradients (n, …, nodes of both, 3) in the frames, zero at rigid blocks."""
