@@ -117,3 +117,35 @@ def test_a_combination_that_is_not_carried_says_so_beside_the_others(tmp_path: P
     title, *verdicts, _ = next(iter(combination_rows(answers)))
     assert title == "verdict"
     assert [words.split()[0] for words in verdicts] == ["carried", "not"]
+
+
+WALL: dict[str, Any] = {
+    "block": {"type": "wall", "size": [240.0, 115.0, 71.0]},
+    "assembly": {"columns": 2, "rows": 2},
+    "effects": {"gravity": [0.0, 0.0, -9810.0], "friction": 0.6},
+    "load": {"acceleration": [981.0, 0.0, 0.0]},
+    "rigid": {"collapse": True},
+    "combinations": {"dead": {"weight": 1.35}, "wind": {"weight": 1.0, "load": 2.0}},
+}
+
+
+def test_each_combination_has_its_limit_load(tmp_path: Path) -> None:
+    """A load factor of a combination is a factor of its limit; without a load there is none."""
+    case = load_case(WALL, method="rigid")
+    limit = solve(case).report["collapse"]["factor"]
+    stated = case.changed({"combinations.storm": {"weight": 1.0, "load": 1.01 * limit}})
+    answers = combination_answers(stated, combination_cases(stated), tmp_path / "rows.jsonl")
+    limits = list(combination_rows(answers))[1]
+    assert limits[:2] == ["limit load", "–"]
+    for name, factor in (("wind", 2.0), ("storm", 1.01 * limit)):
+        assert answers[name].report["collapse"]["factor"] == pytest.approx(limit / factor, rel=1e-6)
+
+
+def test_a_limit_of_a_scene_without_variable_load_is_rejected_in_combinations(
+    tmp_path: Path,
+) -> None:
+    case = load_case(
+        WALL | {"load": {}, "combinations": {"dead": {"weight": 1.35}}}, method="rigid"
+    )
+    with pytest.raises(InputError, match="live load is zero"):
+        combination_answers(case, combination_cases(case), tmp_path / "rows.jsonl")

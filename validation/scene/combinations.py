@@ -7,7 +7,7 @@ those of ``[[loads]]``. What is not named does not act.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any, TypeVar
 
 from validation.errors import InputError
@@ -21,6 +21,8 @@ AnyScene = TypeVar("AnyScene", bound=DeformableSections)
 WEIGHT, LOAD = "weight", "load"
 #: Keys of loads that factors apply to.
 _SCALED = ("pressure", "traction", "force", "per_length", "acceleration")
+#: Keys of ``[rigid]`` that ask for the factor by which the variable load may grow.
+_LIMITS = ("collapse", "sliding")
 
 
 def load_names(scene: DeformableSections) -> tuple[str, ...]:
@@ -66,7 +68,20 @@ def combined(scene: AnyScene, name: str) -> AnyScene:
         values["load"] = {key: _scaled(part, factor) for key, part in parts}
     else:
         values["load"] = _scaled(given, factor)
+    if (
+        scene.push is None
+        and _act(scene.loads, given)
+        and not _act(values["loads"], values["load"])
+    ):
+        values |= {f"rigid.{key}": False for key in _LIMITS if getattr(scene.rigid, key)}
     return scene.changed(values)
+
+
+def _act(loads: Iterable[Section], load: Any) -> bool:
+    """Whether one of ``[[loads]]`` or ``[load]``, which grow up to a limit, has a size."""
+    parts = [*loads, *(load.values() if isinstance(load, Mapping) else [load])]
+    sizes = (part.__dict__.get(key) for part in parts for key in _SCALED)
+    return any(any(size) if isinstance(size, tuple) else size for size in sizes)
 
 
 def _scaled(section: Section, factor: float) -> Section:

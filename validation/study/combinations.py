@@ -81,7 +81,7 @@ def combinations_json(answers: Mapping[str, Answer]) -> dict[str, Any]:
 
 
 def print_combinations(file: Case, answers: Mapping[str, Answer], console: Console) -> None:
-    """Print each measure under each combination, which one governs, and what is built."""
+    """Print verdict and measures under each combination, which governs, and what is built."""
     table = listing(f"{file.name}: load combinations", "", numbers=(*answers, "governing"))
     for row in combination_rows(answers):
         table.add_row(*row)
@@ -91,9 +91,11 @@ def print_combinations(file: Case, answers: Mapping[str, Answer], console: Conso
 
 
 def combination_rows(answers: Mapping[str, Answer]) -> Iterator[list[str]]:
-    """Verdict and each measure under each combination, by title, and which one governs."""
-    verdicts = [answer.rows["verdict"][0] for answer in answers.values()]
-    yield [verdicts[0].title, *(verdict.words for verdict in verdicts), ""]
+    """Title and words of each verdict and measure by combination, and which one governs these."""
+    verdicts = [answer.rows["verdict"] for answer in answers.values()]
+    for title in dict.fromkeys(row.title for rows in verdicts for row in rows):
+        said = ["; ".join(row.words for row in rows if row.title == title) for rows in verdicts]
+        yield [title, *(words or "–" for words in said), ""]
     for measure, (governing, _) in envelope(answers).items():
         values = [
             a.measures[measure].value_words if measure in a.measures else "–"
