@@ -63,8 +63,8 @@ class BlockSurface:
 
     block: int
     """Number of the block, for messages."""
-    group: int
-    """Group of the model; -1 for a rigid block."""
+    body: int
+    """Number of its body; -1 for a rigid block."""
     copy: int
     """Copy of that body that moves as it does; 0 for a rigid block."""
     rotation: FloatArray
@@ -224,8 +224,8 @@ class FacingPoints:
         for first, surface in zip(self.node_start, self.surfaces, strict=False):
             where = slice(int(first), int(first) + len(surface.nodes))
             self.position[where] = surface.reference
-            if surface.group >= 0:
-                self.position[where] += displacements[surface.group][surface.copy, surface.nodes]
+            if surface.body >= 0:
+                self.position[where] += displacements[surface.body][surface.copy, surface.nodes]
 
     def search(self) -> None:
         """Find the neighbours of every facet at the present positions, and cut."""
@@ -285,7 +285,7 @@ class FacingPoints:
         for i in range(len(low)):
             overlap = ((low[i] <= high[i + 1 :]) & (low[i + 1 :] <= high[i])).all(axis=1)
             for j in (np.flatnonzero(overlap) + i + 1).tolist():
-                if max(self.surfaces[i].group, self.surfaces[j].group) >= 0:
+                if max(self.surfaces[i].body, self.surfaces[j].body) >= 0:
                     pairs += [p for p in self._order(i, j) if self.surfaces[p[1]].computed]
         return pairs
 
@@ -296,7 +296,7 @@ class FacingPoints:
         ahead = way @ one.rotation + way @ two.rotation  # as `one` sees `two`, less the reverse
         ranks = [
             (self._edges[i] - self._edges[j], self._edges[i]),
-            (float(one.group < 0) - float(two.group < 0), 1.0),
+            (float(one.body < 0) - float(two.body < 0), 1.0),
             *((along, np.linalg.norm(way)) for along in ahead[::-1]),
         ]
         for rank, size in ranks:

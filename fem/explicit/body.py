@@ -145,8 +145,8 @@ class HeldLanes:
 class LaneBody:
     """A body inside the explicit loop, its copies in lanes: constants, and what changes."""
 
-    group: Body
-    """The group as the user stated it."""
+    body: Body
+    """As it was stated."""
     rows: BlockRows
     """Stiffness in the solver's node order."""
     hourglass: BlockRows | None
@@ -198,7 +198,7 @@ class LaneBody:
     @property
     def n_copies(self) -> int:
         """Number of copies that exist; the other lanes are padding."""
-        return self.group.n_copies
+        return self.body.n_copies
 
     @property
     def constant_bytes(self) -> int:
@@ -237,7 +237,7 @@ def make_body(stated: TimedSystem, number: int, touched_nodes: IntArray | None) 
     hourglass = body.hourglass_stiffness
     viscosity = effects.bulk_viscosity
     return LaneBody(
-        group=body,
+        body=body,
         rows=rows,
         hourglass=None if hourglass is None else block_rows(hourglass, lanes=lanes),
         lanes=lanes,
@@ -320,4 +320,4 @@ def _held_lanes(stated: TimedSystem, number: int, rows: BlockRows, lanes: int) -
 def world_vectors(body: LaneBody, lanes: LaneArray) -> FloatArray:
     """Placement-frame lanes (n_rows, 3, lanes) as world vectors, (n_copies, n_nodes, 3)."""
     local = from_lanes(lanes, body.rows.row, body.n_copies)
-    return np.einsum("cij,cnj->cni", body.group.rotations, local)
+    return np.einsum("cij,cnj->cni", body.body.rotations, local)

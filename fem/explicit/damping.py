@@ -107,10 +107,10 @@ def round_off(loop: Loop) -> float:
     """
     square = 0.0
     for body in loop.bodies:
-        squares = body.group.stiffness.copy()
+        squares = body.body.stiffness.copy()
         squares.data **= 2
         local = np.einsum(
-            "cni,cij->cnj", world_vectors(body, body.now.displacement), body.group.rotations
+            "cni,cij->cnj", world_vectors(body, body.now.displacement), body.body.rotations
         )
         products = squares @ (local.reshape(len(local), -1) ** 2).T
         square += float(np.finfo(np.float64).eps) ** 2 * float(products.sum())

@@ -94,7 +94,7 @@ class Frame:
     """0, 1, 2, …"""
     time: float
     """[s]"""
-    groups: tuple[Body, ...]
+    bodies: tuple[Body, ...]
     """Congruent blocks with their mesh, all copies."""
     displacements: tuple[FloatArray, ...]
     """Of each body, (n_copies, n_nodes, 3) [mm]."""
@@ -112,12 +112,12 @@ def choose_time_step(critical: CriticalTimeStep, method: Explicit) -> float:
     if time_step > longest:
         raise TimeStepError(
             f"time_step: got {time_step:.4g} s, expected at most the critical time step "
-            f"{longest:.4g} s of {critical.group}"
+            f"{longest:.4g} s of {critical.body}"
         )
     if time_step < LEAST_FACTOR * longest:
         raise TimeStepError(
             f"time_step: got {time_step:.4g} s, expected at least {LEAST_FACTOR:g} of the critical "
-            f"time step, {longest:.4g} s of {critical.group}"
+            f"time step, {longest:.4g} s of {critical.body}"
         )
     return time_step
 
@@ -390,7 +390,7 @@ def watch(loop: Loop, history: History) -> None:
             copy = int(np.flatnonzero(bad)[0])
             raise UnstableRun(
                 f"unstable at t = {loop.time:.6g} s (step {loop.step}): the energy of "
-                f"{body.group.name}[{copy}] is {energy[copy]:.3g} N mm, the external work "
+                f"{body.body.name}[{copy}] is {energy[copy]:.3g} N mm, the external work "
                 f"{put_in:.3g} N mm; take a smaller `safety_factor` (time step "
                 f"{loop.time_step:.4g} s)"
             )

@@ -24,7 +24,7 @@ from fem.explicit.kernels import (
     Damper,
     Drag,
     KernelSet,
-    Motion,
+    MovingRows,
     Placing,
     add_at,
     dot_lanes,
@@ -86,7 +86,7 @@ class Loop:
     stated: TimedSystem
     """What is computed."""
     bodies: tuple[LaneBody, ...]
-    """Its groups in lanes, each with its state."""
+    """In lanes, each with its state."""
     time_step: float
     """[s]"""
     kernels: KernelSet
@@ -345,7 +345,7 @@ def advance(loop: Loop, body: LaneBody, falling: LaneArray | None, *, sample: bo
         body.lanes,
         *widths(body.lanes),
         body.rows.chunks,
-        Motion(
+        MovingRows(
             body.mass,
             now.internal_force.ravel(),
             now.displacement.ravel(),

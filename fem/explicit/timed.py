@@ -198,12 +198,12 @@ def _areas_of_facets(system: Sector) -> tuple[FloatArray, ...]:
 def _areas_of_surfaces(system: Sector) -> tuple[FloatArray, ...]:
     """The same of surfaces that a search goes through."""
     surfaces = block_surfaces(system)
-    moving = min(2, sum(s.group >= 0 for s in surfaces))
+    moving = min(2, sum(s.body >= 0 for s in surfaces))
     largest = tuple(np.zeros(body.n_nodes) for body in system.whole.bodies)
     for surface in surfaces:
-        if surface.group >= 0:
+        if surface.body >= 0:
             area = np.linalg.norm(corner_area_vectors(surface.reference[surface.quads]), axis=1)
             corners = np.broadcast_to(0.25 * moving * area[:, None], surface.quads.shape)
-            at, most = surface.nodes[surface.quads].ravel(), largest[surface.group]
+            at, most = surface.nodes[surface.quads].ravel(), largest[surface.body]
             np.maximum(most, np.bincount(at, corners.ravel(), len(most)), out=most)
     return largest

@@ -51,14 +51,14 @@ class Recovered(ReadOnlyArrays):
     """At nodes, Voigt order of `fem.element.material`, world axes, (n_copies, n_nodes, 6) [MPa]."""
     principal: FloatArray
     """σ₁ >= σ₂ >= σ₃ at nodes, (n_copies, n_nodes, 3) [MPa]."""
-    group: Body
+    body: Body
     local: FloatArray
     """Displacements in block frames, (n_copies, n_nodes, 3) [mm]."""
 
     @cached_property
     def point_principal(self) -> FloatArray:
         """At integration points, (n_copies, n_points, 3) [MPa]."""
-        return principal_stress(self.group.point_stress(self.local))
+        return principal_stress(self.body.point_stress(self.local))
 
 
 def best_turns(body: Body, displacement: FloatArray) -> FloatArray:
@@ -135,7 +135,7 @@ def recover(body: Body, displacement: FloatArray, *, finite_rotation: bool = Fal
     return Recovered(
         stress=rotate_stress(at_nodes, frames),
         principal=principal_stress(at_nodes),
-        group=body,
+        body=body,
         local=local,
     )
 

@@ -24,7 +24,7 @@ from geometry.mesh import BoolArray, FloatArray, IntArray, ReadOnlyArrays, struc
 
 
 def block_surfaces(system: Sector, copy_of: IntArray | None = None) -> tuple[BlockSurface, ...]:
-    """Collect the facets of all blocks that can touch others, in the order of their groups.
+    """Collect the facets of all blocks that can touch others, in the order of their bodies.
 
     Parameters
     ----------
@@ -43,12 +43,12 @@ def block_surfaces(system: Sector, copy_of: IntArray | None = None) -> tuple[Blo
             result.append(
                 replace(
                     surface,
-                    group=int(whole.body_number[block]),
+                    body=int(whole.body_number[block]),
                     copy=int(max(copies[block], 0)),
                     computed=bool(computed[block]),
                 )
             )
-    return tuple(sorted(result, key=lambda surface: surface.group))
+    return tuple(sorted(result, key=lambda surface: surface.body))
 
 
 def block_surface(assembly: Assembly, block: int, offset: FloatArray) -> BlockSurface:
@@ -62,7 +62,7 @@ def block_surface(assembly: Assembly, block: int, offset: FloatArray) -> BlockSu
     shift = assembly.translations[block] + offset - origin
     return BlockSurface(
         block=block,
-        group=0,
+        body=0,
         copy=block,
         rotation=assembly.rotations[block],
         nodes=nodes,

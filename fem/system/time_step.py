@@ -75,7 +75,7 @@ class CriticalTimeStep:
     """Sharp estimate with all damping [s]."""
     undamped: float
     """2/ω_max without stiffness-proportional damping and bulk viscosity [s]."""
-    group: str
+    body: str
     """The block that governs."""
     max_frequency: float
     """ω_max of that block [rad/s]."""
@@ -132,7 +132,7 @@ def stable_step_of_mode(stiffness: float, damping: float) -> float:
     return 4.0 / (damping + math.sqrt(damping * damping + 4.0 * stiffness))
 
 
-def group_critical_time_step(
+def body_critical_time_step(
     body: Body, effects: Effects, *, extra_stiffness: FloatArray | None = None
 ) -> CriticalTimeStep:
     """Critical time step of one free reference block; supports only raise the limit.
@@ -194,6 +194,6 @@ def critical_time_step(
     steps = []
     for number, body in enumerate(bodies):
         extra = contact[number] if contact else None
-        steps.append(group_critical_time_step(body, effects, extra_stiffness=extra))
+        steps.append(body_critical_time_step(body, effects, extra_stiffness=extra))
     governing = min(steps, key=lambda s: s.critical_time_step)
     return replace(governing, element_estimate=min(s.element_estimate for s in steps))

@@ -12,7 +12,7 @@ from fem.explicit.kernels import (
     Applied,
     Damper,
     Drag,
-    Motion,
+    MovingRows,
     Placing,
     widths,
 )
@@ -161,7 +161,7 @@ def test_update_is_one_central_difference_step():
         lanes,
         *widths(lanes),
         chunks,
-        Motion(mass, internal.ravel(), new_u.ravel(), new_v.ravel(), dt, dt / (1 + half)),
+        MovingRows(mass, internal.ravel(), new_u.ravel(), new_v.ravel(), dt, dt / (1 + half)),
         kinetic.ravel(),
         Drag((1 - half) / (1 + half), half, dissipated.ravel()),
         Damper(ratio, old.ravel(), work.ravel()),
@@ -351,7 +351,7 @@ def test_block_frames_are_their_plain_statements(n_copies):
     # The motion turns the force in passing, with the same operations.
     def velocity(inner, turned):
         moved, v = np.zeros_like(f), np.zeros_like(f)
-        motion = Motion(mass, inner.ravel(), moved.ravel(), v.ravel(), 1.0, 1.0)
+        motion = MovingRows(mass, inner.ravel(), moved.ravel(), v.ravel(), 1.0, 1.0)
         effects = (None, None, None, turned, None, None)
         SERIAL.update(lanes, *widths(lanes), rows.chunks, motion, *effects)
         return v

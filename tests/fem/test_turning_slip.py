@@ -39,7 +39,7 @@ def along_path(deformable, path):
     loop = prepare(with_supports(statement), time_step=1e-9)
     (body,) = loop.bodies
     now = body.now
-    turns = body.group.rotations
+    turns = body.body.rotations
     result = []
     for moved in path:
         local = np.einsum("cij,cni->cnj", turns, moved[statement.blocks[0]])

@@ -187,7 +187,7 @@ class FrameWriter:
             return
         path = self.folder / _frame_name(frame.number)
         turning = self.case.problem.finite_rotation
-        write_fields(path, frame.groups, frame.displacements, finite_rotation=turning)
+        write_fields(path, frame.bodies, frame.displacements, finite_rotation=turning)
         self.kept[frame.number] = float(frame.time)
         if frame.last:
             self._finish()

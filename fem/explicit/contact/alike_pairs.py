@@ -2,7 +2,7 @@
 
 Two pairs of blocks are alike when the shapes, the facets that meet and the relative placement
 are the same; in a tube nearly all are. Alike pairs share connectivity and reference geometry
-and differ only in which copies of the groups they join, so they are lanes of one computation,
+and differ only in which copies of the bodies they join, so they are lanes of one computation,
 done in the placement frame of the master block.
 
 Facets conform, so their corners come as pairs of nodes, one of each block, and all that contact
@@ -31,10 +31,10 @@ WIDEST = WIDTHS[-1]
 class AlikePairs:
     """Pairs of blocks that meet in the same way."""
 
-    groups: tuple[int, int]
-    """Group of master and opposing block; -1 for a rigid one."""
+    bodies: tuple[int, int]
+    """Body of master and opposing block; -1 for a rigid one."""
     copies: IntArray
-    """Copies of those groups in each pair, 0 for rigid blocks; (n_pairs, 2)."""
+    """Copies of those bodies in each pair, 0 for rigid blocks; (n_pairs, 2)."""
     blocks: IntArray
     """Blocks of the assembly in each pair, (n_pairs, 2)."""
     nodes: IntArray
@@ -81,7 +81,7 @@ class _Pair:
     """Nodes of both sides in the meshes of the representatives, (n_facets, 2, 4)."""
     share: FloatArray
     key: tuple[int | float | bytes, ...]
-    """Shapes, groups, friction, law and connectivity."""
+    """Shapes, bodies, friction, law and connectivity."""
     rotation: FloatArray
     """From the frame of block s to that of block m, (3, 3)."""
     translation: FloatArray
@@ -176,7 +176,7 @@ def _join(system: Sector, pairs: list[_Pair], copy_of: IntArray) -> AlikePairs:
     x_s = x_s @ first.rotation.T + first.translation
     blocks = np.array([pair.blocks for pair in pairs], dtype=np.int64)
     return AlikePairs(
-        groups=(int(system.whole.body_number[m]), int(system.whole.body_number[s])),
+        bodies=(int(system.whole.body_number[m]), int(system.whole.body_number[s])),
         copies=np.maximum(copy_of[blocks], 0),
         blocks=blocks,
         nodes=nodes.astype(np.int64),

@@ -190,7 +190,7 @@ def _unit_arrays(pairs: tuple[AlikePairs, ...], bodies: tuple[LaneBody, ...]) ->
     alike = np.zeros((len(pairs) + 1, 4), dtype=np.int64)
     lane = node_scalar = point_scalar = 0
     for kind, result in enumerate(pairs):
-        alike[kind, 2:] = np.maximum(result.groups, 0)
+        alike[kind, 2:] = np.maximum(result.bodies, 0)
         alike[kind + 1, :2] = alike[kind, :2] + (len(result.nodes), result.n_facets)
         for start, width in _unit_slices(result.n_pairs):
             real = min(width, result.n_pairs - start)
@@ -270,7 +270,7 @@ def _first_copies(
     """
     real = len(np.unique(chosen))
     first = []
-    for side, body in enumerate(pairs.groups):
+    for side, body in enumerate(pairs.bodies):
         copies = pairs.copies[chosen[:real], side]
         follows = bool((np.diff(copies) == 1).all())
         fits = body >= 0 and copies[0] + len(chosen) <= bodies[body].lanes
@@ -281,7 +281,7 @@ def _first_copies(
 def _rows(pairs: AlikePairs, bodies: tuple[LaneBody, ...]) -> IntArray:
     """Body rows of the node pairs, (n_nodes, 2); -1 for rigid blocks."""
     rows = np.full(pairs.nodes.shape, -1, dtype=np.int64)
-    for side, body in enumerate(pairs.groups):
+    for side, body in enumerate(pairs.bodies):
         if body >= 0:
             rows[:, side] = bodies[body].rows.row[pairs.nodes[:, side]]
     return rows
@@ -307,7 +307,7 @@ def _collections(
     data: UnitArrays, one_side: int, bodies: tuple[LaneBody, ...]
 ) -> tuple[Collection | None, ...]:
     """List for each applied row of each body what acts on it; ``one_side`` counts its forces."""
-    rows, entries, groups = [], [], []
+    rows, entries, bodies_of = [], [], []
     for unit, (kind, width, _, lane, start, _, *copies) in enumerate(data.units):
         first, last = data.alike[kind, 0], data.alike[kind + 1, 0]
         at = start + 3 * width * np.arange(last - first)
@@ -317,11 +317,11 @@ def _collections(
             rows.append(row[moves])
             entry = [unit, side * one_side, copies[side], lane + side * data.copies.shape[1]]
             entries.append((np.array(entry) + np.outer(at, [0, 1, 0, 0]))[moves])
-            groups.append(np.full(int(moves.sum()), data.alike[kind, 2 + side]))
-    row, every, group = np.concatenate(rows), np.concatenate(entries), np.concatenate(groups)
+            bodies_of.append(np.full(int(moves.sum()), data.alike[kind, 2 + side]))
+    row, every, of = np.concatenate(rows), np.concatenate(entries), np.concatenate(bodies_of)
     result: list[Collection | None] = []
     for number, body in enumerate(bodies):
-        members = group == number
+        members = of == number
         if body.applied_row is None:
             result.append(None)
             continue

@@ -26,7 +26,7 @@ from numba import prange
 from fem.contact.friction import return_formula, slip_loss
 from fem.contact.law import pressure_formula
 from fem.explicit.contact.compiled_law import law_at
-from fem.explicit.kernels.forms import serial_and_parallel
+from fem.explicit.kernels.forms import OPTIONS, serial_and_parallel
 from fem.explicit.kernels.lanes import (
     REGISTER_DOUBLES,
     ROUNDING_SHIFT,
@@ -43,7 +43,6 @@ from fem.explicit.kernels.lanes import (
     where_below,
     with_entry,
 )
-from fem.explicit.kernels.options import OPTIONS
 from fem.explicit.kernels.triples import (
     INLINED,
     cross,
@@ -78,7 +77,7 @@ class UnitArrays(NamedTuple):
     order: IntArray
     """Units in the order in which threads take them in turn, (n_units,)."""
     alike: IntArray
-    """For each kind of alike pairs: first node pair, first facet, group of master and of
+    """For each kind of alike pairs: first node pair, first facet, body of master and of
     opposing block (0 for rigid ones); one more row with the totals, (n_kinds + 1, 4)."""
     rows: IntArray
     """Body rows of master and opposing node, -1 for rigid blocks, (n_nodes, 2)."""
@@ -97,7 +96,7 @@ class UnitArrays(NamedTuple):
     copies: IntArray
     """Copy of master and opposing block in each lane, (2, n_lanes)."""
     lanes: npt.NDArray[np.int64]
-    """Lanes of the bodies, (n_groups,)."""
+    """Lanes of the bodies, (n_bodies,)."""
 
 
 class UnitWork(NamedTuple):
@@ -527,7 +526,7 @@ def contact_forces(data, displacements, work, law, normals, rubbing, wide, four,
     data, work
         Constant and work arrays.
     displacements
-        Flat displacements of the groups, placement frames, (n_rows, 3, lanes) each.
+        Flat displacements of the bodies, placement frames, (n_rows, 3, lanes) each.
     law
         Constants of the contact law, or of that of each unit, (n_units, 9).
     normals

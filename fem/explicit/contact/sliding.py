@@ -47,7 +47,7 @@ _LOOK = 1024
 _AT_REST = 1e-6
 
 
-class _Group(NamedTuple):
+class _Surface(NamedTuple):
     """Surface of one body."""
 
     where: slice
@@ -65,7 +65,7 @@ class SlidingContact(BlockContact):
         self.points = facing_points(stated.system, copy_of=stated.copy_of, slight=SLIGHT)
         points = self.points
         self._force = np.zeros_like(points.position)
-        self._groups = [_group(points, g, body) for g, body in enumerate(bodies)]
+        self._surfaces = [_surface(points, k, body) for k, body in enumerate(bodies)]
         # Ways since the last search, and since the last cut.
         self._travel = [np.zeros((2, body.n_copies)) for body in bodies]
         # Searches and cuts so far; a checkpoint that is read changes the first, not the second.
@@ -90,11 +90,11 @@ class SlidingContact(BlockContact):
         """Add contact forces at the current positions to the applied forces."""
         points = self.points
         self._follow(loop)
-        for group, body, travel in zip(self._groups, loop.bodies, self._travel, strict=True):
-            flat, position = body.now.displacement.ravel(), points.position[group.where]
-            place_surface(group.nodes, body.lanes, flat, position)
+        for surface, body, travel in zip(self._surfaces, loop.bodies, self._travel, strict=True):
+            flat, position = body.now.displacement.ravel(), points.position[surface.where]
+            place_surface(surface.nodes, body.lanes, flat, position)
             gone = np.zeros(body.n_copies)
-            add_travel(group.rows, body.now.velocity, loop.time_step, gone)
+            add_travel(surface.rows, body.now.velocity, loop.time_step, gone)
             np.add(travel, gone, out=travel)
         if not self._counts[0]:
             self._search()
@@ -109,11 +109,11 @@ class SlidingContact(BlockContact):
             self._gap[:n],
             self._force,
         )
-        for group, body in zip(self._groups, loop.bodies, strict=True):
+        for surface, body in zip(self._surfaces, loop.bodies, strict=True):
             if body.now.applied_force is None:
                 continue
-            flat, force = body.now.applied_force.ravel(), self._force[group.where]
-            apply_surface(group.nodes, body.lanes, force, flat)
+            flat, force = body.now.applied_force.ravel(), self._force[surface.where]
+            apply_surface(surface.nodes, body.lanes, force, flat)
 
     def _follow(self, loop: Loop) -> None:
         """Search or cut at the last positions, if two blocks together have moved since by a skin.
@@ -242,14 +242,14 @@ class SlidingContact(BlockContact):
         return result
 
 
-def _group(points: FacingPoints, number: int, body: LaneBody) -> _Group:
+def _surface(points: FacingPoints, number: int, body: LaneBody) -> _Surface:
     """Collect the surface nodes of one body, which follow each other."""
     surfaces = points.surfaces
-    members = [k for k, s in enumerate(surfaces) if s.group == number]
+    members = [k for k, s in enumerate(surfaces) if s.body == number]
     if not members:
         none, empty = np.empty(0, dtype=np.int64), np.empty((0, 3))
         nothing = SurfaceNodes(empty, none, none, none, np.empty((0, 3, 3)), none)
-        return _Group(slice(0, 0), nothing, none)
+        return _Surface(slice(0, 0), nothing, none)
     sizes = [len(surfaces[k].nodes) for k in members]
     rows = body.rows.row[np.concatenate([surfaces[k].nodes for k in members])]
     assert body.applied_row is not None
@@ -262,4 +262,4 @@ def _group(points: FacingPoints, number: int, body: LaneBody) -> _Group:
         turns=np.stack([surfaces[k].rotation for k in members]),
         turn_of=np.repeat(np.arange(len(members)), sizes),
     )
-    return _Group(slice(int(first), int(last)), nodes, np.unique(rows))
+    return _Surface(slice(int(first), int(last)), nodes, np.unique(rows))

@@ -20,9 +20,8 @@ import numpy as np
 from fem.contact.friction import return_formula, slip_loss
 from fem.contact.law import law_pressure
 from fem.explicit.contact.compiled_law import law_at
-from fem.explicit.kernels.forms import over_lanes
+from fem.explicit.kernels.forms import OPTIONS, over_lanes
 from fem.explicit.kernels.lanes import REGISTER_DOUBLES, lane_operations, larger, store
-from fem.explicit.kernels.options import OPTIONS
 from fem.explicit.kernels.triples import dot, triple_of, triple_operations
 from geometry.compilation import njit
 from geometry.mesh import FloatArray, IntArray

@@ -9,9 +9,8 @@ from typing import Any
 
 from numba import prange
 
-from fem.explicit.kernels.forms import over_lanes, serial_and_parallel
+from fem.explicit.kernels.forms import OPTIONS, over_lanes, serial_and_parallel
 from fem.explicit.kernels.lanes import entry, lane_operations, multiply_add, store
-from fem.explicit.kernels.options import OPTIONS
 from fem.explicit.kernels.triples import INLINED, cross, triple_operations
 from geometry.compilation import njit
 

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
-from fem.explicit.kernels.options import OPTIONS
 from geometry.compilation import Kernel, njit
+
+#: Of every compiled loop: division as NumPy does it, and the interpreter lock released.
+OPTIONS: dict[str, Any] = {"error_model": "numpy", "nogil": True}
 
 
 class Forms(NamedTuple):

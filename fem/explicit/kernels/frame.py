@@ -10,9 +10,8 @@ from typing import Any
 import numpy as np
 from numba import prange
 
-from fem.explicit.kernels.forms import over_lanes, serial_and_parallel
+from fem.explicit.kernels.forms import OPTIONS, over_lanes, serial_and_parallel
 from fem.explicit.kernels.lanes import REGISTER_DOUBLES, lane_operations, multiply_add, store
-from fem.explicit.kernels.options import OPTIONS
 from fem.explicit.kernels.triples import (
     INLINED,
     minus,

@@ -10,11 +10,10 @@ from typing import NamedTuple
 import numpy as np
 from numba import prange
 
-from fem.explicit.kernels.forms import serial_and_parallel
+from fem.explicit.kernels.forms import OPTIONS, serial_and_parallel
 from fem.explicit.kernels.frame import placed_force
 from fem.explicit.kernels.lanes import add_to
 from fem.explicit.kernels.layout import LaneArray
-from fem.explicit.kernels.options import OPTIONS
 from fem.explicit.kernels.triples import (
     INLINED,
     dot,
@@ -27,7 +26,7 @@ from fem.explicit.kernels.triples import (
 from geometry.compilation import njit
 
 
-class Motion(NamedTuple):
+class MovingRows(NamedTuple):
     """What moves."""
 
     mass: LaneArray
@@ -189,7 +188,7 @@ def update(lanes, fours, ones, chunks, motion, kinetic, drag, damper, placing, a
     chunks
         Row boundaries.
     motion
-        `Motion`.
+        `MovingRows`.
     kinetic
         None, or flat (n_chunks, lanes): partial sums of ½ m v₋ · v₊, overwritten.
     drag, damper, placing, applied

@@ -9,8 +9,8 @@ run is worked with vectors, and memory is read in the order in which it lies.
 
 from __future__ import annotations
 
+from fem.explicit.kernels.forms import OPTIONS
 from fem.explicit.kernels.lanes import add_to, entry, lane_operations, multiply_add
-from fem.explicit.kernels.options import OPTIONS
 from geometry.compilation import njit
 
 #: Entries that are worked together.

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numba import prange
 
-from fem.explicit.kernels.forms import over_lanes, serial_and_parallel
+from fem.explicit.kernels.forms import OPTIONS, over_lanes, serial_and_parallel
 from fem.explicit.kernels.lanes import (
     REGISTER_DOUBLES,
     entry,
@@ -24,7 +24,6 @@ from fem.explicit.kernels.lanes import (
     multiply_add,
     store,
 )
-from fem.explicit.kernels.options import OPTIONS
 from fem.explicit.kernels.triples import INLINED, cross, plus, store_triple, triple_operations
 from geometry.compilation import njit
 

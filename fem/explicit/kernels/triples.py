@@ -10,8 +10,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
+from fem.explicit.kernels.forms import OPTIONS
 from fem.explicit.kernels.lanes import lane_operations, multiply_add, store
-from fem.explicit.kernels.options import OPTIONS
 from geometry.compilation import njit
 
 #: For what a loop does to every node or facet: vectors then stay in registers.

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numba import prange
 
-from fem.explicit.kernels.forms import over_lanes, serial_and_parallel
+from fem.explicit.kernels.forms import OPTIONS, over_lanes, serial_and_parallel
 from fem.explicit.kernels.lanes import (
     add_to,
     lane_operations,
@@ -21,7 +21,6 @@ from fem.explicit.kernels.lanes import (
     smaller,
     store,
 )
-from fem.explicit.kernels.options import OPTIONS
 from fem.explicit.kernels.triples import cross, triple_operations
 from geometry.compilation import njit
 
