@@ -260,11 +260,6 @@ def _applied_rows(rows: BlockRows, nodes: IntArray) -> npt.NDArray[np.int32]:
     return applied
 
 
-def _components(base: IntArray, lanes: int) -> IntArray:
-    """Flat positions of the three components, (3 n,)."""
-    return (base[:, None] + lanes * np.arange(3)).ravel()
-
-
 def _body_load(
     body: Body,
     rows: BlockRows,
@@ -275,8 +270,8 @@ def _body_load(
     """``of``: a load, its nodes in the loop and the forces on them."""
     load, numbers, force = of
     copies, nodes = np.divmod(numbers, body.n_nodes)
-    applied_row = applied[rows.row[nodes]].astype(np.int64)
-    found, order = runs(_components(applied_row * 3 * lanes + copies, lanes))
+    first = applied[rows.row[nodes]].astype(np.int64) * 3 * lanes + copies
+    found, order = runs((first[:, None] + lanes * np.arange(3)).ravel())
     return BodyLoad(
         amplitude=load.amplitude,
         applied=found,

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 
-from fem.explicit.kernels import set_spins
 from fem.explicit.kernels.layout import LaneArray
 from geometry.errors import RefusedError
 from geometry.mesh import FloatArray
@@ -111,10 +110,6 @@ class BlockFrame:
     def turn(self) -> LaneArray:
         """Q - 1, (3, 3, lanes)."""
         return self.placing[:3]
-
-    def set_spin(self) -> None:
-        """What makes forces of known torque torque-free."""
-        set_spins(self.torque, self.compliance, self.placing[3])
 
 
 @dataclass

@@ -31,6 +31,7 @@ from fem.explicit.kernels import (
     dot_rows,
     enforce,
     hold,
+    set_spins,
     viscous_power,
     widths,
 )
@@ -149,7 +150,8 @@ def set_internal_force(loop: Loop, body: LaneBody, *, sample: bool) -> None:
         before.force, now.internal_force = now.internal_force, before.force
     displacement = now.local_displacement
     torque = None if frame is None else frame.torque
-    stiffness_force(body, displacement, now.internal_force, kernels, torque)
+    flat, force = displacement.ravel(), now.internal_force.ravel()
+    kernels.stiffness_product(*body.rows.packed, flat, force, _flat(torque), body.lanes)
     if sample:
         dot_lanes(displacement, now.internal_force, now.strain_energy)
         now.strain_energy *= 0.5
@@ -158,25 +160,8 @@ def set_internal_force(loop: Loop, body: LaneBody, *, sample: bool) -> None:
     if now.viscous is not None:
         add_bulk_viscosity(loop, body, displacement, torque)
     if frame is not None:
-        frame.set_spin()
-
-
-def stiffness_force(
-    body: LaneBody,
-    displacement: LaneArray,
-    force: LaneArray,
-    kernels: KernelSet,
-    torque: LaneArray | None = None,
-) -> None:
-    """F = K u of all copies; (n_rows, 3, lanes) [N]."""
-    rows = body.rows
-    kernels.stiffness_product(
-        *rows.packed,
-        displacement.ravel(),
-        force.ravel(),
-        _flat(torque),
-        body.lanes,
-    )
+        # What makes forces of known torque torque-free.
+        set_spins(frame.torque, frame.compliance, frame.placing[3])
 
 
 def add_stiffness_damping(loop: Loop, body: LaneBody) -> None:

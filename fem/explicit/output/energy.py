@@ -143,13 +143,8 @@ def hourglass_energy(loop: Loop, body: LaneBody) -> float:
     if now.frame is None:
         local = local - loop.time_step * now.velocity
     force = aligned_zeros(local.shape)
-    loop.kernels.stiffness_product(
-        *rows.packed,
-        local.ravel(),
-        force.ravel(),
-        None,
-        body.lanes,
-    )
+    flat = local.ravel(), force.ravel()
+    loop.kernels.stiffness_product(*rows.packed, *flat, None, body.lanes)
     total = np.zeros(body.lanes)
     dot_lanes(local, force, total)
     return 0.5 * float(total.sum())
