@@ -36,7 +36,7 @@ from fem.decks.keywords import (
 from fem.decks.laws import law_heading, law_lines
 from fem.decks.loads import component_lines, on_faces, step_load_lines
 from fem.decks.placement import placement_rows, rounded
-from fem.decks.supports import DeckSupports, node_lines_of, spring_lines
+from fem.decks.supports import DeckSupports, spring_lines
 from fem.element.hexahedron import ElementType
 from fem.method import Explicit
 from fem.system.effects import RayleighDamping
@@ -135,7 +135,7 @@ def _part(
     held = {s.face for s in supports.sets if deck.assembly.shape_of[s.block] == number}
     for name in (name for name in shape.faces if name in held):
         yield keyword("Nset", nset=f"{label(name)}-NODES")
-        yield from node_lines_of(np.unique(shape.faces[name]).tolist())
+        yield from entry_lines(np.unique(shape.faces[name]) + 1)
     yield from _section(deck, number)
     yield keyword("End Part")
 
@@ -190,7 +190,7 @@ def _assembly(deck: Deck, supports: DeckSupports) -> Iterator[str]:
     for held in supports.sets:
         if held.nodes is not None:
             yield keyword("Nset", nset=supports.name(held), instance=deck.labels[held.block])
-            yield from node_lines_of(held.nodes)
+            yield from entry_lines(np.asarray(held.nodes) + 1)
     yield from supports.transform_lines()
     yield from spring_lines(deck, 1)
     loads = [one for problem in deck.stages for one in on_faces(problem.load_case, deck.flavour)]

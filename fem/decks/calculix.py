@@ -32,10 +32,11 @@ from fem.decks.keywords import (
     label,
     node_lines,
     reals,
+    table_lines,
 )
 from fem.decks.laws import law_lines, law_table
 from fem.decks.loads import nodal_lines, on_faces, step_load_lines
-from fem.decks.supports import DeckSupports, node_lines_of, spring_lines
+from fem.decks.supports import DeckSupports, spring_lines
 from fem.element.hexahedron import ElementType
 from fem.system.rows import SmoothStepAmplitude
 from geometry.mesh import IntArray
@@ -143,7 +144,9 @@ def _model_data(deck: Deck, supports: DeckSupports) -> Iterator[str]:
     motion = deck.problem.motion
     if deck.ramp_time:
         yield keyword("Amplitude", name=LOADING)
-        yield from _sampled_amplitude(deck.ramp_time)
+        times = np.linspace(0.0, deck.ramp_time, _AMPLITUDE_POINTS).tolist()
+        smooth = SmoothStepAmplitude(deck.ramp_time)
+        yield from table_lines((time, smooth(time)) for time in times)
     yield from supports.path_lines()
     yield from spring_lines(deck, deck.first_element[-1] + 1)
     if motion is not None:
@@ -154,14 +157,6 @@ def _model_data(deck: Deck, supports: DeckSupports) -> Iterator[str]:
             yield from nodal_lines(deck, block, motion.velocity + spin)
     yield from supports.transform_lines()
     yield from supports.still_lines()
-
-
-def _sampled_amplitude(duration: float) -> Iterator[str]:
-    smooth = SmoothStepAmplitude(duration)
-    times = np.linspace(0.0, duration, _AMPLITUDE_POINTS).tolist()
-    pairs = [number for time in times for number in (time, smooth(time))]
-    for first in range(0, len(pairs), 8):
-        yield reals(pairs[first : first + 8])
 
 
 # ---------------------------------------------------------------------------------------------
@@ -251,10 +246,9 @@ def _held_sets(deck: Deck, supports: DeckSupports) -> Iterator[str]:
             yield f"{first + 1}, {end}, 1"
             continue
         yield keyword("Nset", nset=name)
-        shape, nodes = deck.assembly.shape(held.block), held.nodes
-        if held.face is not None:
-            nodes = tuple(np.unique(shape.faces[held.face]).tolist())
-        yield from node_lines_of(nodes or (), first)
+        shape = deck.assembly.shape(held.block)
+        nodes = held.nodes if held.face is None else np.unique(shape.faces[held.face])
+        yield from entry_lines(np.asarray(nodes) + first + 1)
     if supports.hold_frame:
         yield keyword("Nset", nset=FRAME)
         whole = (held for held in supports.stages[-1] if held.whole)

@@ -119,6 +119,13 @@ def reals(values: Iterable[float]) -> str:
     return ", ".join(real(float(value)) for value in values)
 
 
+def table_lines(rows: Iterable[tuple[float, float]]) -> Iterator[str]:
+    """Data lines of an amplitude, times and shares: four pairs on each."""
+    numbers = [number for row in rows for number in row]
+    for first in range(0, len(numbers), 8):
+        yield reals(numbers[first : first + 8])
+
+
 def node_lines(coordinates: FloatArray, first: int = 1) -> Iterator[str]:
     """Data lines of ``*Node``: number and coordinates [mm], rounded to what they are exact to."""
     size = float(np.abs(coordinates).max(initial=0.0)) or 1.0

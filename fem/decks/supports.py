@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from fem.decks.deck import ALL, FRAME, LOADING, Deck, Flavour
-from fem.decks.keywords import DeckError, entry_lines, keyword, label, real, reals
+from fem.decks.keywords import DeckError, keyword, label, real, reals, table_lines
 from fem.problem import Frames, Problem
 from fem.system.build import support_rows
 from fem.system.rows import ALL_THE_WAY, HeldRows, TabularAmplitude, traction_forces
@@ -203,9 +203,7 @@ class DeckSupports:
         for path, name in self.paths.items():
             scale = self.deck.end_time / path[-1][0] if self.deck.in_time is None else 1.0
             yield keyword("Amplitude", name=name)
-            flat = [number for time, share in path for number in (scale * time, share)]
-            for start in range(0, len(flat), 8):
-                yield reals(flat[start : start + 8])
+            yield from table_lines((scale * time, share) for time, share in path)
 
     @property
     def hold_frame(self) -> bool:
@@ -309,8 +307,3 @@ def check_springs(deck: Deck) -> None:
                 f"support {support.title}: got springs along {support.axes.tolist()}; decks have "
                 "them along world axes: expected x, y or z, or turn the blocks"
             )
-
-
-def node_lines_of(nodes: tuple[int, ...] | list[int], first: int = 0) -> Iterator[str]:
-    """Data lines of a node set, nodes from 0, the first of the block at a number."""
-    return entry_lines(np.asarray(nodes) + first + 1)
