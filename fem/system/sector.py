@@ -28,6 +28,8 @@ from geometry.mesh import BoolArray, FloatArray, IntArray, cross_matrix
 #: Relative deviation of placements (in block sizes), rotations and loads that still counts as
 #: symmetric: far above rounding, far below any clearance.
 _TOLERANCE = 1e-9
+#: Relative deviation of principal axes of places, and of their moments: far above rounding.
+_PRINCIPAL = 1e-6
 
 
 class SymmetryError(RefusedError):
@@ -269,34 +271,42 @@ def _held_components(every: Sector) -> FloatArray:
 def _with_half_turn(sector: Sector) -> Sector:
     """Sector of blocks without supports that a half turn maps as well, if one does.
 
-    About a radius half way up a tube, else about an axis through the middle of all blocks, such as
-    the normal of a wall. No block may be its own image, turned over.
+    Its axis goes through the middle of all blocks: a radius half way up a tube, or such as the
+    normal of a wall. No block may be its own image, turned over.
     """
     system, orbits = sector.whole, sector.orbits
     assembly, moving = system.assembly, system.deformable_blocks
-    if len(system.supports.block) or assembly.image_of is not None:
+    if len(system.supports.block) or assembly.image_of is not None or not len(moving):
         return sector
-    centroids = (assembly.centroids + system.offsets - assembly.origin)[moving]
-    height = centroids @ assembly.axis
-    middle = 0.5 * (height.min() + height.max())
-    across = centroids - height[:, None] * assembly.axis
-    size = assembly.characteristic_length
-    opposite = np.abs(height + height[0] - 2.0 * middle) <= _TOLERANCE * size
-    for last in np.flatnonzero(opposite & (orbits.representative[moving] == moving)).tolist():
-        radius = across[0] + across[last]
-        length = float(np.linalg.norm(radius))
-        if length > _TOLERANCE * size:
-            turn = 2.0 * np.outer(radius, radius) / length**2 - np.eye(3)
-            centre = middle * assembly.axis + assembly.origin
-            result = _turned_over(sector, turn, centre)
-            if result is not None:
-                return result
-    centre = (assembly.centroids + system.offsets)[moving].mean(axis=0)
-    for axis in np.eye(3) if orbits.order == 1 else ():
+    places = (assembly.centroids + system.offsets)[moving]
+    centre = places.mean(axis=0)
+    first = orbits.representative[moving] == moving
+    for axis in _half_turn_axes(places - centre, first, assembly.characteristic_length):
         result = _turned_over(sector, 2.0 * np.outer(axis, axis) - np.eye(3), centre)
         if result is not None:
             return result
     return sector
+
+
+def _half_turn_axes(places: FloatArray, images: BoolArray, size: float) -> FloatArray:
+    """Unit axes about which a half turn may map places (n, 3) onto each other, (m, 3).
+
+    It brings the first place to one of the images: half way between the two, or where they lie
+    opposite each other across. Every such axis is a principal one of all places, and those that
+    are alone are looked at too: no choice depends on the axes of the world.
+    """
+    inertia = places.T @ places
+    values, own = np.linalg.eigh(inertia)
+    alone = np.abs(values[:, None] - values) + np.eye(3) * values.sum() > _PRINCIPAL * values.sum()
+    length = np.linalg.norm(places, axis=1)
+    far = images & (np.abs(length - length[0]) <= _TOLERANCE * size)
+    sums = places[far] + places[0]
+    long = np.linalg.norm(sums, axis=1)
+    middles = long > _TOLERANCE * size
+    axes = np.concatenate([sums[middles] / long[middles, None], own.T[alone.all(axis=1)]])
+    turned = axes @ inertia
+    off = turned - np.einsum("ai,ai->a", turned, axes)[:, None] * axes
+    return axes[np.abs(off).max(axis=1, initial=0.0) <= _PRINCIPAL * values.sum()]
 
 
 def _turned_over(sector: Sector, turn: FloatArray, centre: FloatArray) -> Sector | None:
