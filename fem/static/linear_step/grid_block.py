@@ -12,7 +12,7 @@ All congruent blocks share F and b, and nothing else of a block appears in the c
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, partial
 
 import numpy as np
@@ -238,6 +238,7 @@ class NodeFlexibility(BlockFlexibility):
         """Of the nodes in the mesh, ascending, (3 n,)."""
         self.inverse: FloatArray = self._flexible.flexibility[np.ix_(order, order)]
         """(3 n, 3 n) [mm/N]"""
+        self._flexible = replace(self._flexible, points=rows[order], flexibility=self.inverse)
         at = 3 * block.side_nodes[rows // 3] + rows % 3
         self.rigid: FloatArray = block.rigid[at[order]]
         """R there, (3 n, 6)."""
