@@ -130,7 +130,7 @@ def _scene(name: str) -> Subject:
         return _weighed(blocks, None)
     # Regions of surfaces do not turn with the blocks: what acts there is given block by block.
     load = LoadCase(blocks, "loads", (), result.load.fixed, body_wrenches=wrenches)
-    friction = None if result.friction is None else result.friction.coefficient
+    friction = None if result.coulomb is None else result.coulomb.coefficient
     return blocks, load, friction
 
 
