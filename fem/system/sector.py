@@ -281,19 +281,22 @@ def _with_half_turn(sector: Sector) -> Sector:
     places = (assembly.centroids + system.offsets)[moving]
     centre = places.mean(axis=0)
     first = orbits.representative[moving] == moving
-    for axis in _half_turn_axes(places - centre, first, assembly.characteristic_length):
+    frame, size = assembly.rotations[moving[0]], assembly.characteristic_length
+    for axis in _half_turn_axes(places - centre, first, frame, size):
         result = _turned_over(sector, 2.0 * np.outer(axis, axis) - np.eye(3), centre)
         if result is not None:
             return result
     return sector
 
 
-def _half_turn_axes(places: FloatArray, images: BoolArray, size: float) -> FloatArray:
+def _half_turn_axes(
+    places: FloatArray, images: BoolArray, frame: FloatArray, size: float
+) -> FloatArray:
     """Unit axes about which a half turn may map places (n, 3) onto each other, (m, 3).
 
     It brings the first place to one of the images: half way between the two, or where they lie
-    opposite each other across. Every such axis is a principal one of all places, and those that
-    are alone are looked at too: no choice depends on the axes of the world.
+    opposite each other across. Every such axis is a principal one of all places. Those that are
+    alone are looked at too, and the axes of a block: no choice depends on those of the world.
     """
     inertia = places.T @ places
     values, own = np.linalg.eigh(inertia)
@@ -303,7 +306,7 @@ def _half_turn_axes(places: FloatArray, images: BoolArray, size: float) -> Float
     sums = places[far] + places[0]
     long = np.linalg.norm(sums, axis=1)
     middles = long > _TOLERANCE * size
-    axes = np.concatenate([sums[middles] / long[middles, None], own.T[alone.all(axis=1)]])
+    axes = np.concatenate([sums[middles] / long[middles, None], own.T[alone.all(axis=1)], frame.T])
     turned = axes @ inertia
     off = turned - np.einsum("ai,ai->a", turned, axes)[:, None] * axes
     return axes[np.abs(off).max(axis=1, initial=0.0) <= _PRINCIPAL * values.sum()]
