@@ -75,6 +75,10 @@ class Interaction(ABC):
         """What makes the run unstable and what to do, where the time step is too large; or None."""
         return None
 
+    def follows(self) -> bool:
+        """Whether the forces are those of the present positions; else the next step makes them."""
+        return True
+
     def arrays(self) -> dict[str, LaneArray]:
         """Arrays that evolve and must be in a checkpoint, by name; written in place."""
         return {}

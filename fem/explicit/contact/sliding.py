@@ -71,6 +71,8 @@ class SlidingContact(BlockContact):
         # Searches and cuts so far; a checkpoint that is read changes the first, not the second.
         self._counts = np.zeros(2, dtype=np.int64)
         self._known = 0
+        # Whether the run may end here: then cuts follow every motion.
+        self._asked = np.zeros(1, dtype=np.int64)
         self._searched, self._cut = points.position.copy(), points.position.copy()
         self._dissipated = np.zeros(1) if self._rubs else None
         self._set_constants_of_points()
@@ -124,14 +126,25 @@ class SlidingContact(BlockContact):
             self._resume()
         if not self._known:
             return
-        moved = 2.0 * np.max([travel.max(axis=1) for travel in self._travel], axis=0)
-        skin = self.points.skin
+        moved, skin = self._moved(), self.points.skin
+        look = loop.step % _LOOK == 0 or self._asked[0]
+        self._asked[0] = 0
         if moved[0] > skin:
             self._search()
-        elif moved[1] > _CUT_SKIN * skin or (loop.step % _LOOK == 0 and moved[1] > _AT_REST * skin):
+        elif moved[1] > _CUT_SKIN * skin or (look and moved[1] > _AT_REST * skin):
             self._renew(self.points.cut)
             self._counts[1] += 1
             self._known += 1
+
+    def _moved(self) -> FloatArray:
+        """Way of two blocks together since the last search and since the last cut, (2,) [mm]."""
+        ways = np.array([travel.max(axis=1) for travel in self._travel])
+        return np.asarray(2.0 * ways.max(axis=0))
+
+    def follows(self) -> bool:
+        """Whether cuts are those of the present positions; else the next step makes them."""
+        self._asked[0] = self._moved()[1] > _AT_REST * self.points.skin
+        return not self._asked[0]
 
     def _search(self) -> None:
         """Find the neighbours of all facets anew, and cut."""
@@ -235,6 +248,7 @@ class SlidingContact(BlockContact):
             "cut": self._cut,
             "closest": self.points.room.xi,
             "counts": self._counts,
+            "asked": self._asked,
         }
         result |= {f"travel.{k}": travel for k, travel in enumerate(self._travel)}
         if self._slip is not None and self._dissipated is not None:
