@@ -18,9 +18,10 @@ work and memory.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import pairwise
+from itertools import pairwise, product
 
 import numpy as np
 from scipy.sparse import coo_array
@@ -183,16 +184,15 @@ def _points_between(
     FloatArray
         (n, 3) [mm]
     """
-    places, within = near
+    tree, within = cKDTree(near[0]), near[1]
     steps = _counts(bodies, elements, _STEPS * size)
     result = []
     for element, counts in zip(elements[:, None], steps, strict=True):
         lines = [np.linspace(-1.0, 1.0, n + 1) for n in counts]
-        box = _box(bodies, element, lines, places, within + _STEPS * size)
-        if box is not None:
+        for box in _boxes(bodies, element, lines, tree, within + _STEPS * size):
             lines = [_finer(line, 2.0 / n) for line, n in zip(box, counts, strict=True)]
             points = _grid(bodies, element, lines)
-            result.append(points[_near(points, cKDTree(places), within)])
+            result.append(points[_near(points, tree, within)])
     return np.unique(np.round(np.concatenate(result), 6), axis=0)
 
 
@@ -238,17 +238,17 @@ def _cells(
 ) -> _Cells:
     """Cut elements into cells of a size at most [mm], boxes of them near some places if given."""
     counts = _counts(bodies, elements, size)
+    places, within = (None, 0.0) if near is None else (cKDTree(near[0]), near[1])
     result = []
     for alike in np.unique(counts, axis=0):
         lines = [(2.0 * np.arange(n) + 1.0) / n - 1.0 for n in alike.tolist()]
         volume = 8.0 / float(np.prod(alike))
         same = elements[(counts == alike).all(axis=1)]
-        if near is None:
+        if places is None:
             result.append(_on_grid(bodies, same, lines, volume))
             continue
         for element in same[:, None]:
-            kept = _box(bodies, element, lines, *near)
-            if kept is not None:
+            for kept in _boxes(bodies, element, lines, places, within):
                 result.append(_on_grid(bodies, element, kept, volume))
     return _Cells(
         np.concatenate([f.positions for f in result]),
@@ -257,28 +257,33 @@ def _cells(
     )
 
 
-def _box(
+def _boxes(
     bodies: MovedBodies,
     element: IntArray,
     lines: list[FloatArray],
-    places: FloatArray,
+    places: cKDTree,
     within: float,
-) -> list[FloatArray] | None:
-    """Parts of lines between which the points of an element near some places lie; None: no such."""
-    shape = [len(line) for line in lines]
-    # Of many points first some, each of which stands for those nearer to it than to the next.
-    step = _STEPS if np.prod(shape) > _MOST_POINTS else 1
-    picked = [_each(n, step) for n in shape]
-    some = [line[at] for line, at in zip(lines, picked, strict=True)]
-    grid = _grid(bodies, element, some)
-    close = _near(grid, cKDTree(places), within + _gaps(grid) * (step > 1))
+) -> Iterator[list[FloatArray]]:
+    """Parts of lines between which the points of an element near some places lie.
+
+    Boxes of many points are halved, and dropped where they lie apart from all places.
+    """
+    if np.prod([len(line) for line in lines], dtype=np.float64) > _MOST_POINTS:
+        some = _grid(bodies, element, [line[[0, len(line) // 2, -1]] for line in lines])
+        reach = np.linalg.norm(some - some[1, 1, 1], axis=-1).max()
+        if places.query(some[1, 1, 1])[0] <= within + reach:
+            halves = (np.array_split(line, min(2, len(line))) for line in lines)
+            for parts in product(*halves):
+                yield from _boxes(bodies, element, list(parts), places, within)
+        return
+    close = _near(_grid(bodies, element, lines), places, within)
     if not close.any():
-        return None
+        return
     kept = []
-    for axis, (line, at) in enumerate(zip(lines, picked, strict=True)):
+    for axis, line in enumerate(lines):
         there = np.flatnonzero(close.any(axis=tuple({0, 1, 2} - {axis})))
-        kept.append(line[at[there[0]] : at[there[-1]] + 1])
-    return kept
+        kept.append(line[there[0] : there[-1] + 1])
+    yield kept
 
 
 def _each(n: int, step: int) -> IntArray:
