@@ -87,7 +87,7 @@ def plate(number, cells, shift=(0.0, 0.0), turn=0.0, *, up, height=0.0):
     quads = np.stack([first, first + cells + 1, first + cells + 2, first + 1], axis=1)
     return BlockSurface(
         block=number,
-        group=0,
+        body=0,
         copy=number,
         rotation=np.eye(3),
         nodes=np.arange(len(nodes)),

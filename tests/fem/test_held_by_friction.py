@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from fem.accuracy import statics
+from fem.accuracy import one_mesh
 from tests.support.answers import PLAIN, on_its_mesh
 from validation import Case, InputError, load_case, solve
 
@@ -42,7 +42,7 @@ def test_plates_slide_just_beyond_the_friction_angle(monkeypatch: pytest.MonkeyP
     # slide where slope · W > μ (W + P), first the lower one, which has more weight on it.
     weight = 2 * 10.0 * 50.0**2 * 2.4e-9 * 9810.0
     limit = 0.3 * (weight + 2.5) / weight
-    monkeypatch.setattr(statics, "static_state", _solver_called)
+    monkeypatch.setattr(one_mesh, "static_state", _solver_called)
     with pytest.raises(InputError) as refused:
         on_its_mesh(_pile(1.01 * limit, 0.3), method="static")
     words = str(refused.value)
@@ -54,7 +54,7 @@ def test_plates_slide_just_beyond_the_friction_angle(monkeypatch: pytest.MonkeyP
 
 
 def test_without_friction_nothing_is_asked(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(statics, "static_state", _solver_called)
+    monkeypatch.setattr(one_mesh, "static_state", _solver_called)
     with pytest.raises(_Started):
         on_its_mesh(_pile(1.0, None), method="static")
 
@@ -66,7 +66,7 @@ def test_a_tall_plate_tips_before_it_slides(monkeypatch: pytest.MonkeyPatch) -> 
     weight = 200.0 * 50.0**2 * 2.4e-9 * 9810.0
     limit = 25.0 * (1.05 * weight + 2.5) / (110.25 * weight)
     assert limit < 0.25 * (weight + 2.5) / weight
-    monkeypatch.setattr(statics, "static_state", _solver_called)
+    monkeypatch.setattr(one_mesh, "static_state", _solver_called)
     with pytest.raises(InputError, match="block 1 tips on block 0"):
         on_its_mesh(_pile(1.02 * limit, 2.0, 200.0), method="static")
     with pytest.raises(_Started):
@@ -90,6 +90,6 @@ def test_points_inside_the_edges_are_named_where_they_decide() -> None:
 
 def test_a_problem_made_in_python_is_refused_alike(monkeypatch: pytest.MonkeyPatch) -> None:
     problem = _pile(3.0, 0.3).problem
-    monkeypatch.setattr(statics, "static_state", _solver_called)
+    monkeypatch.setattr(one_mesh, "static_state", _solver_called)
     with pytest.raises(InputError, match=r"^mine: no static state: block 1 slides on block 0"):
         solve(Case(problem, PLAIN, "mine"))
