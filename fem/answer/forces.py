@@ -80,8 +80,10 @@ def imbalance_of(state: State) -> Imbalance:
         blocks = whole.deformable_blocks[whole.body_number[whole.deformable_blocks] == number]
         force = needed[number][whole.copy_of[blocks]]
         places = (body.reference_positions() + u)[whole.copy_of[blocks]]
-        moment = np.cross(places - centres[blocks][:, None], force)
-        others[blocks] = -np.hstack([force.sum(axis=1), moment.sum(axis=1)])
+        # Sums of x_i f_j: their skew part is the moment.
+        sums = np.swapaxes(places - centres[blocks][:, None], 1, 2) @ force
+        moment = sums[:, [1, 2, 0], [2, 0, 1]] - sums[:, [2, 0, 1], [1, 2, 0]]
+        others[blocks] = -np.hstack([force.sum(axis=1), moment])
         sizes = np.linalg.norm(loads[number][whole.copy_of[blocks]], axis=2)
         acting[blocks] = sizes.sum(axis=1)
     return imbalance(
@@ -97,10 +99,7 @@ def imbalance_of(state: State) -> Imbalance:
 @once
 def internal_forces(state: State) -> tuple[FloatArray, ...]:
     """K u of the nodes of each body, for balance and energy, (n_copies, n_nodes, 3) [N]."""
-    bodies = zip(state.whole.bodies, state.displacements, strict=True)
-    return tuple(
-        g.internal_force(u @ g.rotations) @ g.rotations.transpose(0, 2, 1) for g, u in bodies
-    )
+    return tuple(state.system.expand(state.system.internal_force(state.displacement)))
 
 
 def _contact_forces(state: State, loads: list[FloatArray]) -> tuple[FloatArray, ...]:

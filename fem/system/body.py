@@ -233,7 +233,7 @@ class Body(ReadOnlyArrays):
 
     def reference_positions(self) -> FloatArray:
         """Undeformed nodes of all copies in world axes, (n_copies, n_nodes, 3) [mm]."""
-        turned = np.einsum("cij,nj->cni", self.rotations, self.mesh.nodes)
+        turned = self.mesh.nodes @ self.rotations.transpose(0, 2, 1)
         return turned + self.translations[:, None]
 
 

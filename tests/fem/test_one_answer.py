@@ -16,6 +16,7 @@ from fem import Problem, concrete, solve_static
 from fem.accuracy.ladder import coarser, split
 from fem.accuracy.ladder import on_mesh as on_degree
 from fem.accuracy.transfer import interpolation, node_places, pressures_on_facets, transferred
+from fem.answer.forces import internal_forces
 from fem.element.lagrange import with_degree
 from fem.static import problem as static_problem
 from fem.static.linear_step.grid import grid_blocks
@@ -321,6 +322,20 @@ def test_means_over_the_facets_of_its_own_mesh_are_those_of_the_run(degree: int)
     # Rounding of gaps is a share of the length in which the law grows by e, whatever the pressure.
     tiny = 1e-12 * state.pressures.max()
     np.testing.assert_allclose(means[state.interface], state.pressures, rtol=1e-9, atol=tiny)
+
+
+def test_internal_forces_of_alike_blocks_are_those_of_each_block() -> None:
+    """Those of one block, turned, and K u of each; displacements are rounded to some 1e-16.
+
+    Of sums of a few hundred products with K: 1e-13 of |K| times the largest displacement.
+    """
+    found = solve_static(replace(PROBLEMS["tunnel"], degree=2), PLAIN).details
+    assert found.system.n_slots < len(found.whole.deformable_blocks)
+    (body,), (u,), (forces,) = found.whole.bodies, found.displacements, internal_forces(found)
+    each = (body.stiffness @ (u @ body.rotations).reshape(len(u), -1).T).T.reshape(u.shape)
+    expected = each @ body.rotations.transpose(0, 2, 1)
+    most = abs(body.stiffness).sum(axis=1).max() * np.abs(u).max()
+    np.testing.assert_allclose(forces, expected, rtol=0, atol=1e-13 * most)
 
 
 def test_facets_larger_than_elements_carry_what_the_elements_carry() -> None:
