@@ -73,6 +73,8 @@ def functions_at(degree: int, natural: FloatArray) -> tuple[FloatArray, FloatArr
 class TensorPoints:
     """Values of the functions of an element, or of its face, at points of a tensor grid."""
 
+    line: tuple[FloatArray, FloatArray]
+    """Values and slopes of the functions of each direction at its points, (n, degree + 1)."""
     values: FloatArray
     """(n_points, n_functions)"""
     slopes: FloatArray
@@ -80,11 +82,22 @@ class TensorPoints:
     weights: FloatArray
     """Of the quadrature, (n_points,); zero where the points are no quadrature."""
 
+    @cached_property
+    def by_factors(self) -> tuple[FloatArray, FloatArray]:
+        """Slopes in three directions as products: of the first direction, and of the others.
+
+        By each natural coordinate, (3, n, degree + 1), and (functions of a plane, 3 n²).
+        """
+        values, slopes = self.line
+        planes = np.kron(values, values), np.kron(slopes, values), np.kron(values, slopes)
+        return np.stack([slopes, values, values]), np.concatenate(planes).T
+
 
 def tensor_points(degree: int, x: FloatArray, *, dimension: int = 3) -> TensorPoints:
     """Functions of degree ``degree`` at the tensor grid of the points ``x`` of a line."""
     natural = grid_points(*[x] * dimension)
-    return TensorPoints(*functions_at(degree, natural), np.zeros(len(natural)))
+    at_points = *functions_at(degree, natural), np.zeros(len(natural))
+    return TensorPoints(line_basis(degree, x), *at_points)
 
 
 @cache

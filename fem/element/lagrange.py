@@ -44,14 +44,23 @@ _AT_ONCE = 1 << 14
 
 def slopes_of(values: FloatArray, at: TensorPoints) -> FloatArray:
     """Slopes of nodal values (n, n_functions, 3) at points: ∂vᵢ/∂ξₖ, (n, 3, 3, n_points)."""
-    n_points, n_functions, _ = at.slopes.shape
-    products = np.swapaxes(values, 1, 2).reshape(-1, n_functions) @ _by_direction(at)
-    return products.reshape(len(values), 3, 3, n_points)
+    first, plane = at.by_factors
+    n = first.shape[2]
+    along = np.swapaxes(values, 1, 2).reshape(-1, n * n) @ plane
+    products = first @ np.swapaxes(along.reshape(len(values) * 3, n, 3, -1), 1, 2)
+    return products.reshape(len(values), 3, 3, -1)
 
 
-def _by_direction(at: TensorPoints) -> FloatArray:
-    """Slopes of the functions, (n_functions, 3 n_points)."""
-    return at.slopes.transpose(1, 2, 0).reshape(at.slopes.shape[1], -1)
+def sums_by_slopes(fluxes: FloatArray, at: TensorPoints) -> FloatArray:
+    """Products with the slopes of each function, as `slopes_of` transposed.
+
+    Fluxes (n, 3, 3, n_points) give Σ fᵢₖ ∂N/∂ξₖ, (n, n_functions, 3).
+    """
+    first, plane = at.by_factors
+    n_points, n = first.shape[1:]
+    along = np.swapaxes(first, 1, 2) @ fluxes.reshape(len(fluxes) * 3, 3, n_points, -1)
+    sums = np.swapaxes(along, 1, 2).reshape(-1, plane.shape[1]) @ plane.T
+    return np.swapaxes(sums.reshape(len(fluxes), 3, n**3), 1, 2)
 
 
 def adjugates(matrices: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -228,7 +237,6 @@ class Lagrange:
         at = self.quadrature
         inverse, volumes = self._inverses(coordinates, at)
         measure = inverse * volumes[:, None, None]
-        slopes = _by_direction(at).T
         result = np.empty_like(displacement)
         for force, moved in zip(result, displacement, strict=True):  # what a cache holds
             gradient = np.einsum("nikp,nkjp->nijp", slopes_of(moved, at), inverse)
@@ -236,8 +244,7 @@ class Lagrange:
             stress[:, range(3), range(3)] += (
                 material.lame_modulus * np.einsum("niip->np", gradient)[:, None]
             )
-            flux = np.einsum("nijp,nkjp->nikp", stress, measure).reshape(-1, len(slopes))
-            force[:] = np.swapaxes((flux @ slopes).reshape(len(moved), 3, -1), 1, 2)
+            force[:] = sums_by_slopes(np.einsum("nijp,nkjp->nikp", stress, measure), at)
         return result
 
 

@@ -14,7 +14,14 @@ from fem.element.functions import (
     lobatto_points,
 )
 from fem.element.kinds import block_internal_force, block_stiffness
-from fem.element.lagrange import Lagrange, LagrangeMesh, adjugates, with_degree
+from fem.element.lagrange import (
+    Lagrange,
+    LagrangeMesh,
+    adjugates,
+    slopes_of,
+    sums_by_slopes,
+    with_degree,
+)
 from fem.static.linear_step.columns import alike_lengths, flexible_block
 from fem.static.linear_step.grid_block import GridBlock, NodeFlexibility, grid_block
 from fem.system.body import placed_body
@@ -123,6 +130,19 @@ def test_forces_of_elements_are_those_of_the_stiffness() -> None:
     mine = block_internal_force(mesh, CONCRETE, u)
     expected = block_stiffness(mesh, CONCRETE, Lagrange(3)) @ u.reshape(2, -1).T
     assert np.abs(mine.reshape(2, -1).T - expected).max() < 1e-12 * np.abs(expected).max()
+
+
+@pytest.mark.parametrize(("degree", "n"), [(1, 2), (2, 4), (5, 6)])
+def test_products_of_directions_are_slopes_of_functions(degree: int, n: int) -> None:
+    """And their transpose; of sums of at most 648 products in another order, rounding."""
+    at, random = gauss_functions(degree, n), np.random.default_rng(4)
+    values = random.random((7, (degree + 1) ** 3, 3))
+    fluxes = random.random((7, 3, 3, n**3))
+    slopes = np.einsum("pak,nai->nikp", at.slopes, values)
+    sums = np.einsum("pak,nikp->nai", at.slopes, fluxes)
+    mine = slopes_of(values, at), sums_by_slopes(fluxes, at)
+    for one, expected in zip(mine, (slopes, sums), strict=True):
+        np.testing.assert_allclose(one, expected, rtol=0, atol=1e-13 * np.abs(expected).max())
 
 
 def test_faces_are_closed_and_look_outwards() -> None:
