@@ -19,7 +19,7 @@ from fem.system.contact_state import ContactState, contact_state
 from fem.system.reactions import PushCurve
 from fem.system.sector import searched_in_all_sectors, vectors_in_all_sectors
 from fem.system.system import Sector, System
-from geometry.mesh import FloatArray, IntArray, ReadOnlyArrays, read_only
+from geometry.mesh import FloatArray, IntArray, ReadOnlyArrays, lengths, read_only
 
 if TYPE_CHECKING:
     from fem.explicit.run import Run
@@ -129,7 +129,7 @@ class State(ReadOnlyArrays):
     @property
     def largest_displacement(self) -> float:
         """Of all nodes [mm]."""
-        return max(float(np.linalg.norm(u, axis=2).max()) for u in self.displacements)
+        return max(float(lengths(u).max()) for u in self.displacements)
 
     @cached_property
     def support_forces(self) -> tuple[FloatArray, ...]:

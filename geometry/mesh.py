@@ -400,9 +400,23 @@ def grid_faces(n_u: int, n_v: int, n_w: int) -> dict[str, IntArray]:
     return {name: cells.reshape(-1, 8)[:, HEX_FACES[face]] for name, (cells, face) in side.items()}
 
 
+def cross(first: FloatArray, second: FloatArray) -> FloatArray:
+    """Cross products of vectors (..., 3): those of `numpy.cross` in a fraction of its time."""
+    result = np.empty(np.broadcast_shapes(first.shape, second.shape))
+    for i, (j, k) in enumerate(((1, 2), (2, 0), (0, 1))):
+        products = first[..., j] * second[..., k], first[..., k] * second[..., j]
+        np.subtract(*products, out=result[..., i])
+    return result
+
+
+def lengths(vectors: FloatArray) -> FloatArray:
+    """Lengths of vectors, (..., 3) to (...): `numpy.linalg.norm` takes three times as long."""
+    return np.sqrt(np.einsum("...i,...i->...", vectors, vectors))
+
+
 def cross_matrix(vectors: FloatArray) -> FloatArray:
     """[v]× with [v]× w = v × w, (..., 3) to (..., 3, 3)."""
-    return -np.cross(vectors[..., None, :], np.eye(3))
+    return -cross(vectors[..., None, :], np.eye(3))
 
 
 def row_keys(rows: IntArray, size: int = 0) -> npt.NDArray[Any]:

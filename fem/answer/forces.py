@@ -9,7 +9,7 @@ import numpy as np
 
 from fem.state import State, once
 from fem.system.reactions import PushCurve, push_curves, reactions
-from geometry.mesh import FloatArray
+from geometry.mesh import FloatArray, lengths
 from geometry.parts.balance import Imbalance, imbalance, of_fixed_blocks, together
 from geometry.parts.measures import JointResultants, summed_by_joint
 
@@ -84,7 +84,7 @@ def imbalance_of(state: State) -> Imbalance:
         sums = np.swapaxes(places - centres[blocks][:, None], 1, 2) @ force
         moment = sums[:, [1, 2, 0], [2, 0, 1]] - sums[:, [2, 0, 1], [1, 2, 0]]
         others[blocks] = -np.hstack([force.sum(axis=1), moment])
-        sizes = np.linalg.norm(loads[number][whole.copy_of[blocks]], axis=2)
+        sizes = lengths(loads[number][whole.copy_of[blocks]])
         acting[blocks] = sizes.sum(axis=1)
     return imbalance(
         whole.assembly,

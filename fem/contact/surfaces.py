@@ -34,7 +34,15 @@ from fem.element.hexahedron import chunks
 from geometry.assembly import Assembly
 from geometry.errors import RefusedError
 from geometry.machine.work import Operation, count
-from geometry.mesh import FloatArray, IntArray, ReadOnlyArrays, cross_matrix, run_starts
+from geometry.mesh import (
+    FloatArray,
+    IntArray,
+    ReadOnlyArrays,
+    cross,
+    cross_matrix,
+    lengths,
+    run_starts,
+)
 
 #: Points times nodes whose gradients are computed at a time: what a cache holds.
 _AT_ONCE = 1 << 14
@@ -229,8 +237,8 @@ class ContactPoints(ReadOnlyArrays):
         n, n_points, _, n_nodes = self.slopes.shape
         turned = self.slopes.reshape(n, 2 * n_points, n_nodes) @ moved
         tangents = self.tangents + turned.reshape(self.tangents.shape)
-        vector = np.cross(tangents[:, :, 0], tangents[:, :, 1])
-        area = np.linalg.norm(vector, axis=2)
+        vector = cross(tangents[:, :, 0], tangents[:, :, 1])
+        area = lengths(vector)
         normal = vector / area[:, :, None]
         gap = np.einsum("fpi,fpi->fp", normal, d)
         slip = (d - gap[:, :, None] * normal) / area[:, :, None]
@@ -287,8 +295,8 @@ class MatchedFacets(ContactPoints):
     @cached_property
     def normals(self) -> FloatArray:
         """Reference normals from m to s, (n, n_points, 3)."""
-        area_vectors: FloatArray = np.cross(self.tangents[:, :, 0], self.tangents[:, :, 1])
-        return area_vectors / np.linalg.norm(area_vectors, axis=2, keepdims=True)
+        area_vectors: FloatArray = cross(self.tangents[:, :, 0], self.tangents[:, :, 1])
+        return area_vectors / lengths(area_vectors)[..., None]
 
     @property
     def initial_gaps(self) -> FloatArray:
@@ -325,10 +333,10 @@ def matched_facets(
     if apart is not None:
         offsets += apart[:, None]
     tangents = basis.tangents(0.5 * (nodes[0] + nodes[1]))
-    area_vectors = np.cross(tangents[:, :, 0], tangents[:, :, 1])
-    areas = np.linalg.norm(area_vectors, axis=2)
-    first = tangents[:, :, 0] / np.linalg.norm(tangents[:, :, 0], axis=2, keepdims=True)
-    second = np.cross(area_vectors / areas[:, :, None], first)
+    area_vectors = cross(tangents[:, :, 0], tangents[:, :, 1])
+    areas = lengths(area_vectors)
+    first = tangents[:, :, 0] / lengths(tangents[:, :, 0])[..., None]
+    second = cross(area_vectors / areas[:, :, None], first)
     return MatchedFacets(
         block_m=blocks[0],
         block_s=blocks[1],
@@ -483,7 +491,7 @@ class CurrentFrame:
         ∂(overclosure)/∂a = -e; a = t_1 × t_2 turns it into t_2 × (-e) and (-e) × t_1.
         """
         first, second = np.moveaxis(self.tangents, 2, 0)
-        return np.stack([np.cross(self.slip, second), np.cross(first, self.slip)], axis=2)
+        return np.stack([cross(self.slip, second), cross(first, self.slip)], axis=2)
 
 
 def corner_overclosures(surfaces: MatchedFacets, moved: FloatArray) -> FloatArray:
@@ -495,8 +503,8 @@ def corner_overclosures(surfaces: MatchedFacets, moved: FloatArray) -> FloatArra
     """
     frame, to_looks = surfaces.frame(moved), surfaces.basis.to_looks
     there = to_looks @ frame.tangents.reshape(*frame.tangents.shape[:2], 6)
-    vector: FloatArray = np.cross(there[..., :3], there[..., 3:])
-    normal: FloatArray = vector / np.linalg.norm(vector, axis=2, keepdims=True)
+    vector: FloatArray = cross(there[..., :3], there[..., 3:])
+    normal: FloatArray = vector / lengths(vector)[..., None]
     return -np.einsum("fci,fci->fc", normal, to_looks @ frame.d) - surfaces.clearance
 
 

@@ -20,8 +20,10 @@ from geometry.mesh import (
     boundary_quads,
     check_mesh,
     corner_jacobians,
+    cross,
     gauss_points,
     jacobians,
+    lengths,
     read_only,
     shape_values,
     structured_quads,
@@ -178,3 +180,11 @@ def test_arrays_of_answers_cannot_be_changed_but_their_origin_can() -> None:
     origin[0] = 2.0
     assert read_only(origin)[0] == 2.0
     assert read_only("text") == "text"
+
+
+def test_products_and_lengths_of_vectors_are_those_of_numpy() -> None:
+    """Broadcast as there; lengths are sums of three squares in another order: four roundings."""
+    random = np.random.default_rng(5)
+    one, two = random.normal(size=(4, 1, 3)), random.normal(size=(4, 5, 3))
+    np.testing.assert_array_equal(cross(one, two), np.cross(one, two))
+    np.testing.assert_allclose(lengths(two), np.linalg.norm(two, axis=2), rtol=1e-15)
