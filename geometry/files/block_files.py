@@ -201,8 +201,8 @@ def gmsh_session(name: str) -> Iterator[Any]:
 
 
 @contextmanager
-def _opened(path: Path) -> Iterator[tuple[Any, list[int]]]:
-    """A STEP file in gmsh, and its solids."""
+def _opened(path: Path, *, shared: bool = True) -> Iterator[tuple[Any, list[int]]]:
+    """A STEP file in gmsh, and its solids; ``shared``: curved faces that coincide are one face."""
     why = unreadable(path)
     if why is not None:
         raise MeshError(f"{path}: {why}; expected a STEP file")
@@ -216,7 +216,33 @@ def _opened(path: Path) -> Iterator[tuple[Any, list[int]]]:
         volumes = [tag for _, tag in gmsh.model.getEntities(3)]
         if not volumes:
             raise MeshError(f"{path}: holds no solid; expected at least one closed volume")
+        if shared and len(volumes) > 1 and _any_curved(gmsh):
+            volumes = _with_shared_faces(gmsh, path, volumes)
         yield gmsh, volumes
+
+
+def _any_curved(gmsh: Any) -> bool:
+    return any(gmsh.model.getType(*face) != "Plane" for face in gmsh.model.getEntities(2))
+
+
+def _with_shared_faces(gmsh: Any, path: Path, volumes: list[int]) -> list[int]:
+    """Divide faces of solids along each other's edges, so that what coincides is meshed once.
+
+    Facets of two meshes of one curved face would lie in each other. Solids that overlap are left
+    as they are.
+    """
+    solids = [(3, volume) for volume in volumes]
+    try:
+        _, parts = gmsh.model.occ.fragment(solids[:1], solids[1:])
+        if all(len(part) == 1 for part in parts):
+            gmsh.model.occ.synchronize()
+            return [part[0][1] for part in parts]
+    except Exception:  # gmsh raises bare exceptions for faces that it cannot divide
+        pass
+    gmsh.clear()
+    gmsh.model.occ.importShapes(str(path))
+    gmsh.model.occ.synchronize()
+    return volumes
 
 
 def _nodes(gmsh: Any) -> tuple[FloatArray, IntArray]:
@@ -639,7 +665,7 @@ def step_hexahedra(path: Path, *, divisions: int = 4) -> list[HexMesh]:
     MeshError
         A file that cannot be read, or hexahedra that cannot be used.
     """
-    with _opened(path) as (gmsh, volumes):
+    with _opened(path, shared=False) as (gmsh, volumes):
         if not _made_of_hexahedra(gmsh, divisions):
             return []
         meshes = [hexahedra_in(gmsh, volume) for volume in volumes]

@@ -201,7 +201,7 @@ def with_hexahedra(
         detection=solids.detection,
     )
     surfaces = as_polyhedral(blocks, solids.detection)
-    check_assembly(surfaces, supported(blocks))
+    check_assembly(surfaces, supported(blocks), solids)
     unmatched = unmatched_joints(blocks, surfaces)
     return replace(blocks, layer=contact_distance(surfaces), unmatched=unmatched)
 

@@ -365,19 +365,31 @@ def check_contacts(assembly: PolyhedralAssembly, supported: IntArray | None = No
     )
 
 
-def check_overlaps(assembly: PolyhedralAssembly) -> None:
+def check_overlaps(assembly: PolyhedralAssembly, meshed: PolyhedralAssembly | None = None) -> None:
     """Reject blocks that are deeper in each other than the contact tolerance.
 
-    Facets deeper in each other than that are no contact: the joint would be lost.
+    Facets deeper in each other than that are no contact: the joint would be lost. ``meshed`` are
+    the solids that the blocks are meshes of.
 
     Raises
     ------
     AssemblyError
         Naming the pairs, deepest first, how deep and where.
     """
-    overlaps = find_overlaps(assembly, assembly.tolerance) or _of_exact_faces(assembly)
+    curved = meshed is not None and any(shape.exact is not None for shape in meshed.shapes)
+    overlaps = find_overlaps(assembly, assembly.tolerance, by_points=curved)
+    overlaps = overlaps or _of_exact_faces(assembly)
     if not overlaps:
         return
+    remedy = f"move them apart{_wider(assembly, overlaps[0].depth)}"
+    if meshed is not None and curved:
+        check_overlaps(meshed)
+        off = max(float(shape.facet_errors[0].max()) for shape in meshed.shapes)
+        remedy = (
+            f"the solids do, but facets of their curved faces lie up to {off:.3g} mm off them and "
+            "do not match; draw both solids in place in one STEP file, where such faces get one "
+            "mesh"
+        )
     pairs = "; ".join(
         f"blocks {assembly.named(o.block_a)} and {assembly.named(o.block_b)} overlap by "
         f"{o.depth:.3g} mm near "
@@ -388,7 +400,7 @@ def check_overlaps(assembly: PolyhedralAssembly) -> None:
     count = f" ({len(overlaps)} overlapping pairs)" if len(overlaps) > 1 else ""
     raise AssemblyError(
         f"{assembly.name}: {pairs}{more}{count}; expected blocks that touch within "
-        f"{assembly.tolerance:.3g} mm: move them apart{_wider(assembly, overlaps[0].depth)}"
+        f"{assembly.tolerance:.3g} mm: {remedy}"
     )
 
 
@@ -400,8 +412,14 @@ def _wider(assembly: PolyhedralAssembly, depth: float) -> str:
     return f", or set `tolerance` = {tolerance:g} if they are meant to touch"
 
 
-def check_assembly(assembly: PolyhedralAssembly, supported: IntArray | None = None) -> None:
+def check_assembly(
+    assembly: PolyhedralAssembly,
+    supported: IntArray | None = None,
+    meshed: PolyhedralAssembly | None = None,
+) -> None:
     """Reject overlapping blocks and blocks that neither touch another nor are supported.
+
+    ``meshed`` as in `check_overlaps`.
 
     Raises
     ------
@@ -418,7 +436,7 @@ def check_assembly(assembly: PolyhedralAssembly, supported: IntArray | None = No
             f"{assembly.characteristic_length:.3g} mm; expected a small fraction of a block"
         )
     _check_distance(assembly)
-    check_overlaps(assembly)
+    check_overlaps(assembly, meshed)
     check_contacts(assembly, supported)
 
 

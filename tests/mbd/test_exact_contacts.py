@@ -11,14 +11,25 @@ import pytest
 
 from fem import Problem, concrete
 from geometry.files.block_files import gmsh_session, read_blocks
+from geometry.files.hexahedral_solids import with_hexahedra
 from geometry.parts.placed import AssemblyError
 from geometry.polyhedra.assembly import PolyhedralAssembly, polyhedral_assembly
 from geometry.polyhedra.options import DetectionOptions
 from geometry.polyhedra.overlap import check_assembly
+from geometry.polyhedra.polyhedron import Polyhedron
 from mbd import analyse
 
 pytest.importorskip("gmsh", exc_type=ImportError)
 pytestmark = pytest.mark.quick
+
+
+def _read(path: Path, draw: Callable[[Any], Any], size: float | None = None) -> list[Polyhedron]:
+    """Solids of a drawing, the largest one first."""
+    with gmsh_session("test") as gmsh:
+        draw(gmsh.model.occ)
+        gmsh.model.occ.synchronize()
+        gmsh.write(str(path))
+    return sorted(read_blocks(path, element_size=size), key=lambda block: -block.volume)
 
 
 def _drawn(
@@ -28,11 +39,7 @@ def _drawn(
     tolerance: float | None = None,
 ) -> PolyhedralAssembly:
     """Solids of a drawing; the largest one is fixed."""
-    with gmsh_session("test") as gmsh:
-        draw(gmsh.model.occ)
-        gmsh.model.occ.synchronize()
-        gmsh.write(str(path))
-    blocks = sorted(read_blocks(path, element_size=size), key=lambda block: -block.volume)
+    blocks = _read(path, draw, size)
     placed = [(block, np.eye(3), np.zeros(3)) for block in blocks]
     fixed, detection = np.arange(len(blocks)) == 0, DetectionOptions(tolerance=tolerance)
     return polyhedral_assembly("drawn", placed, fixed, detection)
@@ -103,6 +110,36 @@ def test_a_ball_touches_a_plane_at_one_point(lower: float, tmp_path: Path) -> No
     # Gaps of a sphere are within the tolerance up to √(2 R t) from the point.
     largest = np.pi * 2.0 * 25.0 * assembly.tolerance
     assert contacts.patches.areas.sum() <= largest
+
+
+def _cone(occ: Any) -> int:
+    return int(occ.addCone(0, 0, -50, 0, 0, 80, 10, 42))
+
+
+def _cone_in_its_hole(occ: Any) -> None:
+    occ.cut([(3, occ.addBox(-50, -50, -50, 100, 100, 50))], [(3, _cone(occ))])
+    _cone(occ)
+
+
+def _unmatched(solids: PolyhedralAssembly) -> tuple[Any, ...] | None:
+    return with_hexahedra(solids, 2, None, lambda _: np.zeros(0, dtype=np.int64)).unmatched
+
+
+@pytest.mark.parametrize("draw", [_plug(50.0, ball=True), _cone_in_its_hole])
+def test_curved_faces_that_fit_get_one_mesh(draw: Callable[[Any], Any], tmp_path: Path) -> None:
+    """The ball and the cone rise above the hollow: what coincides is a part of their faces."""
+    assert _unmatched(_drawn(tmp_path / "a.step", draw)) == ()
+
+
+def test_facets_of_two_files_that_overlap_are_told_from_solids_that_do(tmp_path: Path) -> None:
+    """Facets of a file each do not match; solids that overlap indeed are said to."""
+    hollow = _read(tmp_path / "a.step", _plug(50.0, ball=True))[0]
+    for radius, words in ((25.0, "draw both solids in place in one"), (25.4, "by 0.4 mm .* move")):
+        ball = _read(tmp_path / "b.step", lambda occ, r=radius: occ.addSphere(0, 0, 0, r))
+        placed = [(block, np.eye(3), np.zeros(3)) for block in (hollow, *ball)]
+        solids = polyhedral_assembly("drawn", placed, np.array([True, False]), DetectionOptions())
+        with pytest.raises(AssemblyError, match=words):
+            _unmatched(solids)
 
 
 @pytest.mark.parametrize("size", [None, 40.0])
