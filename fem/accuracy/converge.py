@@ -324,12 +324,13 @@ def _stick_change(one: Solved, options: StaticOptions, factor: float = 1.0) -> V
     return stick_change(one.problem, one.state, lambda softer: state_of(softer, once, factor))
 
 
-def check_refinable(problem: Problem) -> None:
-    """Reject a problem whose mesh cannot be refined."""
+def check_refinable(problem: Problem, asked: str = "mesh") -> None:
+    """Reject a problem whose mesh cannot be refined, as an option ``asked``."""
     why = why_not_refined(problem)
     if why is not None:
+        remedy = "" if asked == "mesh" else f" without {asked}"
         raise AccuracyError(
-            f'accuracy: got {why}, whose mesh is not refined; expected mesh = "scene"'
+            f'{asked}: got {why}, whose mesh is not refined; expected mesh = "scene"{remedy}'
         )
 
 
@@ -342,7 +343,7 @@ def why_not_refined(problem: Problem) -> str | None:
         second = on_rung(problem, ladder_for(TARGETS, problem)[_FOR_BARS - 1])
         friction = problem.coulomb is not None
         if general_work(second.blocks, second.degree, friction=friction) > MOST_SECONDS:
-            return "general contact of so many facets that a second mesh is beyond the usual work"
+            return "general contact of so many facets that finer ones are beyond the usual work"
     if problem.blocks.image_of is not None:
         return "a periodic cell"
     if any(held.moves for held in problem.load_case.held):

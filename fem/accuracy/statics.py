@@ -150,9 +150,10 @@ def check_static(problem: Problem, method: Static) -> Problem:
     return problem
 
 
-def _asks_to_refine(method: Static) -> bool:
-    stated = method.accuracy is not None or method.max_meshes is not None
-    return stated or method.mesh == "converged"
+def _asks_to_refine(method: Static) -> str | None:
+    """Name of the option that asks for finer meshes; None: none does."""
+    stated = [name for name in ("accuracy", "max_meshes") if getattr(method, name) is not None]
+    return stated[0] if stated else "mesh" if method.mesh == "converged" else None
 
 
 def most_work(problem: Problem, method: Static, *, finer: bool) -> float | None:
@@ -328,8 +329,8 @@ def refines(problem: Problem, method: Static) -> bool:
     if problem.after is not None:
         if asked:
             raise AccuracyError(
-                "accuracy: a problem after another has no error bars of meshes; expected "
-                'mesh = "scene" without one'
+                f"{asked}: a problem after another has no error bars of meshes; expected "
+                'mesh = "scene" alone'
             )
         return False
     if asked and (own := own_elements(problem)) is not None:
@@ -343,7 +344,7 @@ def refines(problem: Problem, method: Static) -> bool:
     if not (usual or asked):
         return False
     try:
-        check_refinable(problem)
+        check_refinable(problem, asked or "mesh")
     except RefusedError:  # of a mesh that is not refined, or the solver rejects it
         if asked:
             raise
