@@ -107,12 +107,7 @@ def check_planes(assembly: Assembly, cut: Planes, rigid: BoolArray) -> None:
         raise SectionError("section: a periodic cell is a part of a section; cut the tube")
     n_blocks = assembly.n_blocks
     for k, (point, normal) in enumerate(zip(cut.points, cut.normals, strict=True)):
-        chosen = cut.blocks[k]
-        among = np.arange(n_blocks) if chosen is None else chosen
-        if not ((among >= 0) & (among < n_blocks)).all():
-            raise SectionError(
-                f"section {cut.names[k]}: got blocks {among.tolist()}; expected 0 to {n_blocks - 1}"
-            )
+        among = cut.among(k, n_blocks)
         tolerance = _ON_PLANE * assembly.characteristic_length
         away = [(assembly.nodes(b) - point) @ normal for b in among.tolist()]
         least, most = np.array([a.min() for a in away]), np.array([a.max() for a in away])

@@ -424,6 +424,17 @@ class Planes(ReadOnlyArrays):
     names: tuple[str, ...]
     """In tables and files."""
 
+    def among(self, row: int, n_blocks: int) -> IntArray:
+        """Numbers of the blocks that a plane cuts, of as many as there are."""
+        chosen = self.blocks[row]
+        result = np.arange(n_blocks) if chosen is None else chosen
+        if not ((result >= 0) & (result < n_blocks)).all():
+            raise SectionError(
+                f"section {self.names[row]}: got blocks {result.tolist()}; "
+                f"expected 0 to {n_blocks - 1}"
+            )
+        return result
+
 
 def planes(
     points: npt.ArrayLike,
@@ -566,10 +577,8 @@ def sections_through_joints(
     for k, (point, normal) in enumerate(zip(cut.points, cut.normals, strict=True)):
         behind = (centroids - point) @ normal < 0.0
         m, s = behind[joints.block_m], behind[joints.block_s]
-        chosen = cut.blocks[k]
-        crossing = m != s
-        if chosen is not None:
-            crossing &= np.isin(joints.block_m, chosen) & np.isin(joints.block_s, chosen)
+        chosen = cut.among(k, len(centroids))
+        crossing = (m != s) & np.isin(joints.block_m, chosen) & np.isin(joints.block_s, chosen)
         at = np.flatnonzero(crossing)
         if not len(at):
             raise nothing_cut(cut, k, "two blocks that touch lie on both sides of it")

@@ -14,6 +14,7 @@ from geometry.families.masonry import CircularArch
 from geometry.loads import LoadCase
 from geometry.parts.measures import (
     JointResultants,
+    SectionError,
     chain,
     joint_resultants,
     planes,
@@ -209,6 +210,9 @@ def test_a_section_takes_moments_about_the_centre_of_its_joints_areas() -> None:
     assert found.centroids[0] == pytest.approx([6.0, 0.0, 0.0])
     assert found.forces[0] == pytest.approx([0.0, 0.0, -4.0])  # on the part behind the plane
     assert found.moments[0] == pytest.approx([0.0, -8.0, 0.0])
+    unknown = planes([4.0, 0.0, 0.0], [0.0, 0.0, 1.0], blocks=[99])
+    with pytest.raises(SectionError, match=r"got blocks \[99\]; expected 0 to 2"):
+        sections_through_joints(joints, centroids, unknown)
 
 
 def test_a_dovetail_that_hangs_presses_on_both_of_its_flanks() -> None:
