@@ -102,6 +102,7 @@ def test_the_page_of_own_blocks(tmp_path) -> None:
     for factor in (1.0, 0.5, 2.0):
         assert str(Measure(factor * pressure, "MPa")) in words
     assert "TOO THIN, limits.least_wall is 12 mm" in words
+    assert "That is the load without factors. Combinations have their own verdicts below." in words
     # The scene on the page is the scene, without folders of this machine.
     assert str(tmp_path) not in words
     (pre,) = re.findall(r"<pre>(.*?)</pre>", page.read_text("utf-8"), flags=re.S)

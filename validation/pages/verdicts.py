@@ -94,6 +94,10 @@ def _carried(rigid: Answer) -> PageVerdict:
         words, tone = "not decided", OPEN
     elif verdict.condition:
         words, tone = f"yes,{verdict.condition}", CAUTION if verdict.squeezed else OPEN
+    if rigid.case.combinations:
+        lines.append(
+            "That is the load without factors. Combinations have their own verdicts below."
+        )
     return PageVerdict("Does it carry the load?", words, tone, tuple(lines))
 
 
