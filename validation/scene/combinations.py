@@ -13,12 +13,10 @@ from typing import Any, TypeVar
 from validation.errors import InputError
 from validation.scene.deformable import DeformableSections
 from validation.scene.sections import Section
-from validation.scene.supports import NOT_LOADS, SAME_SUPPORTS
+from validation.scene.supports import LOAD, NOT_LOADS, SAME_SUPPORTS, WEIGHT
 
 AnyScene = TypeVar("AnyScene", bound=DeformableSections)
 
-#: Names of the weight and of ``[load]``.
-WEIGHT, LOAD = "weight", "load"
 #: Keys of loads that factors apply to.
 _SCALED = ("pressure", "traction", "force", "per_length", "acceleration")
 #: Keys of ``[rigid]`` that ask for the factor by which the variable load may grow.

@@ -18,6 +18,8 @@ SAME_SUPPORTS = (
     "combinations differ in factors of loads alone; expected the same supports and motions in all "
     "of them: state other supports in a scene of their own"
 )
+#: Names of the weight and of ``[load]`` in combinations.
+WEIGHT, LOAD = "weight", "load"
 NOT_LOADS = ("supports", "fixed", "push", "move")
 #: A number counted from 0, or a name from the file.
 BlockName = Annotated[int, Field(ge=0)] | str
@@ -137,6 +139,16 @@ class SurfaceLoadSection(RegionSection):
     """Ends of an edge that carries ``per_length`` [mm]."""
     per_length: Vector | None = None
     """Force per length along the line [N/mm]."""
+
+    @field_validator("name")
+    @classmethod
+    def _a_factor_of_its_own(cls, value: str) -> str:
+        if value in (WEIGHT, LOAD):
+            of = "effects.gravity" if value == WEIGHT else "[load] and of loads without a name"
+            raise ValueError(
+                f"the factor {value} of combinations is that of {of}; expected another name"
+            )
+        return value
 
     @model_validator(mode="after")
     def _one_load(self) -> SurfaceLoadSection:
