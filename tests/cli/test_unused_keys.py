@@ -127,6 +127,8 @@ def test_effects_with_all_their_defaults_are_named_by_methods_without_them() -> 
         assert "rayleigh" not in case.key_use(method).ignored  # switches nothing on
     for method in ("explicit", "explicit deck"):
         assert "bulk_viscosity" not in case.key_use(method).ignored
+    limits = load_case("tsb1-pipe", {"rigid.collapse": True, "rigid.solver": "clarabel"})
+    assert limits.key_use("compare").ignored == "rigid.collapse"
     use = load_case("tsb1-pipe", {"effects.auto": 0.01}).key_use("rigid")
     assert use.ignored == "effects.auto"
 

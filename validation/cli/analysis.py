@@ -288,7 +288,7 @@ def compare(
             result = report.compare_answers(compared_runs(case, explicit=explicit, progress=show))
             result = result.why() if why else result
         result.print(outputs.console)
-        outputs.tell_keys()
+        outputs.tell_keys("explicit compare" if explicit else "compare")
         peak = {"peak_memory_mb": peak_memory_mb()}
         data = {"scene": case.name, **result.as_dict(), **peak, **decision}
         outputs.write("picture", report.PICTURE, result.draw)

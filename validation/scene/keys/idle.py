@@ -13,6 +13,7 @@ from pydantic import BaseModel
 from fem.contact.law import LAWS
 from fem.method import Explicit, Static
 from geometry.loads import CASES
+from mbd.options import Rigid
 from validation.scene.sections import ContactPairSection, law_keys
 
 if TYPE_CHECKING:
@@ -47,6 +48,10 @@ _NOT_WRITTEN = (
         if one.name not in _WRITTEN
     ),
 )
+#: Of rigid blocks alone: compared are answers of the solver in both norms.
+_RIGID_ALONE = tuple(
+    f"rigid.{one.name}" for one in fields(Rigid) if one.name not in ("solver", "norm")
+)
 #: Sections and keys that a method does not have, by its name.
 _ABSENT: Mapping[str, tuple[str, ...]] = {
     "rigid": (
@@ -55,6 +60,8 @@ _ABSENT: Mapping[str, tuple[str, ...]] = {
     ),
     "static": ("rigid", "stages", *_IN_TIME),
     "explicit": ("rigid", "stages"),
+    "compare": ("stages", *_RIGID_ALONE, *_IN_TIME),
+    "explicit compare": ("stages", *_RIGID_ALONE),
     "static deck": (*_NOT_WRITTEN, *_IN_TIME, "fem.damping"),
     "explicit deck": (*_NOT_WRITTEN, "effects.finite_sliding"),
     "blocks": (
@@ -64,7 +71,7 @@ _ABSENT: Mapping[str, tuple[str, ...]] = {
 }
 #: Keys that are printed: others a scene may state for other methods, and the data name them. Files
 #: that are exported have no data, and all their keys are printed.
-_PRINTED = ("block.", "effects.", "load.", "pictures.")
+_PRINTED: tuple[str, ...] = ("block.", "effects.", "load.", "pictures.")
 
 
 def _solids(scene: Any) -> bool:
@@ -101,7 +108,8 @@ class KeyUse:
 
     scene: DeformableScene
     method: str
-    """Of `_ABSENT`: that of an answer, "static deck", "explicit deck" or "blocks"."""
+    """Of `_ABSENT`: that of an answer, "blocks", and "compare" or a deck with or without explicit
+    runs."""
     drawn: bool = True
     """Whether pictures are requested."""
 
@@ -132,6 +140,8 @@ class KeyUse:
         if self.method.endswith("deck"):
             return ", ".join(self.idle)
         printed = _PRINTED if self.method == "rigid" else (*_PRINTED, "contact.")
+        if self.method.endswith("compare"):
+            printed = (*printed, "rigid.")
         return ", ".join(k for k in self.idle if k.startswith(printed) and "stick" not in k)
 
     @property
