@@ -77,6 +77,19 @@ def _methods(
 
 def _carried(answer: Answer) -> Answer:
     """Reject rigid blocks that do not carry the load."""
-    if answer.method == "rigid" and not answer.details.holds:
-        raise InputError(f"{answer.case.name}: {answer.details.deciding.status}")
-    return answer
+    if answer.method != "rigid" or answer.details.holds:
+        return answer
+    case = answer.case
+    if answer.details.verdict.holds is None:
+        raise InputError(f"{case.name}: {answer.details.deciding.status}")
+    if solve(replace(case, stated=None)).details.holds:
+        raise InputError(
+            f"{case.name}: rigid blocks carry the load with forces at the corners of their joints "
+            "(`tubelock mbd`), not with forces at the middles of facets of deformable blocks, "
+            "which are compared; expected thicker blocks or smaller facets: a finer [mesh]"
+        )
+    raise InputError(
+        f"{case.name}: rigid blocks do not carry the load, so that there are no forces to compare: "
+        "`tubelock mbd` draws how they move; change the shape, fix more blocks or change the "
+        "direction of the load"
+    )
