@@ -422,6 +422,30 @@ def test_step_solids_are_meshed_each(tmp_path: Path) -> None:
     assert [m.extent()[0] for m in meshes] == pytest.approx([6e3, 12e3], rel=1e-9)
 
 
+def test_what_facets_leave_out_of_a_cylinder_is_said(tmp_path: Path) -> None:
+    """Beside its exact volume π r² h, in a row of both methods."""
+    gmsh = pytest.importorskip("gmsh", exc_type=(ImportError, OSError))
+    gmsh.initialize(interruptible=False)
+    gmsh.option.setNumber("General.Terminal", 0)
+    gmsh.model.occ.addBox(-50, -50, 0, 100, 100, 20)
+    gmsh.model.occ.addCylinder(0, 0, 20, 0, 0, 40, 30)
+    gmsh.model.occ.synchronize()
+    gmsh.write(str(tmp_path / "cylinder.step"))
+    gmsh.finalize()
+    scene = own_scene(tmp_path, '[[parts]]\nfile = "cylinder.step"\n')
+    scene = scene.changed({"assembly.fixed": [0]})
+    facets = replace(read_blocks(tmp_path / "cylinder.step")[1], exact=None).volume
+    less = f"{100.0 * (1.0 - facets / (np.pi * 30.0**2 * 40.0)):.2g} % less"
+    stated = load_case(tmp_path / "own.toml", ["assembly.fixed=[0]"], method="rigid")
+    rigid = solve(stated).report["notes"]["curved faces"]
+    assert less in rigid
+    assert "volume and weight are exact" in rigid
+    # Tetrahedra keep the facets.
+    static = on_its_mesh(scene, method="static").report["notes"]["curved faces"]
+    assert less in static
+    assert "so is their weight" in static
+
+
 def test_a_wrench_is_spread_without_changing_it() -> None:
     """The moment is that about the origin of the points."""
     rng = np.random.default_rng(3)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 
@@ -17,6 +18,8 @@ from validation.build.polyhedra import build_polyhedra, file_solids, parts_left_
 from validation.scene.families.mesh import MeshScene
 from validation.scene.polyhedra import STRAIGHT_EDGES, PolyhedralScene
 
+#: Part of a volume that facets may leave out unsaid.
+_LEFT_OUT = 1e-3
 #: Part of the facing area that may be without contact unsaid.
 _MISSING = 0.01
 #: Supports lie to one side where they are this part of the assembly away across gravity, and
@@ -71,6 +74,9 @@ def _doubts(
         if scene.block.repair:
             rows["repaired"] = _repairs(scene)
         if surfaces is not None:
+            flat = _facet_words(assembly, surfaces)
+            if flat:
+                rows["curved faces"] = flat
             facing = facing_words(surfaces)
             if facing:
                 rows["facing area not in contact"] = facing
@@ -78,6 +84,31 @@ def _doubts(
         if aside:
             rows["which way is up"] = aside
     return rows
+
+
+def _facet_words(assembly: AnyBlocks, solids: PolyhedralAssembly) -> str:
+    """Words on what the facets of curved CAD faces leave out of the solids."""
+    curved = [b for b in range(solids.n_blocks) if solids.shape(b).exact is not None]
+    rigid = isinstance(assembly, PolyhedralAssembly)
+
+    def less(block: int) -> float:
+        solid = solids.shape(block)
+        flat = replace(solid, exact=None) if rigid else assembly.shape(block)
+        return float(flat.volume / solid.volume) - 1.0
+
+    worst = max((less(block) for block in curved), key=abs, default=0.0)
+    if abs(worst) <= _LEFT_OUT:
+        return ""
+    more = "more" if worst > 0.0 else "less"
+    kept = (
+        "volume and weight are exact, contact areas those of facets, which may lack more"
+        if rigid
+        else "so is their weight"
+    )
+    return (
+        f"facets enclose up to {100.0 * abs(worst):.2g} % {more} than the blocks drawn: {kept}; a "
+        "smaller block.element_size brings them nearer"
+    )
 
 
 def facing_words(surfaces: PolyhedralAssembly) -> str:
