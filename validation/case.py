@@ -337,7 +337,9 @@ def load_case(
         name, data = scene_data(text)
     if isinstance(method, str) and method in METHODS:  # whose keys the settings may state
         data = apply_overrides(data, {"fem.method": method})
-    scene = check_scene(apply_overrides(data, settings), text).located(path.parent)
+    # What is typed or redirected names files as the shell does.
+    folder = Path() if path == Path("/dev/stdin") else path.parent
+    scene = check_scene(apply_overrides(data, settings), text).located(folder)
     own = path if path.is_file() else None
     case = Case(None, scene.method, name, scene, own)
     return case if method is None else case.with_method(method)

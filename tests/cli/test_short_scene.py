@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import re
 import tomllib
 from pathlib import Path
@@ -204,3 +205,20 @@ def test_a_folder_of_results_does_not_hide_a_built_in_scene_or_study(
     assert load_case("arch").name == "arch"
     assert stands_for_builtin(Path("paper-480"), "study")
     assert not stands_for_builtin(Path("arch"), "study")
+
+
+@pytest.mark.skipif(not Path("/dev/stdin").exists(), reason="no /dev/stdin here")
+def test_a_redirected_scene_names_files_of_the_working_folder(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("s.toml").write_text('[block]\ntype = "mesh"\n[[parts]]\nfile = "cubes.obj"\n')
+    before = os.dup(0)
+    try:
+        with Path("s.toml").open() as scene:
+            os.dup2(scene.fileno(), 0)
+        (part,) = load_case("/dev/stdin").reads[1:]
+    finally:
+        os.dup2(before, 0)
+        os.close(before)
+    assert part.absolute() == tmp_path / "cubes.obj"
