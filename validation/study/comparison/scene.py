@@ -86,7 +86,7 @@ def _carried(answer: Answer) -> Answer:
         raise InputError(
             f"{case.name}: rigid blocks carry the load with forces at the corners of their joints "
             "(`tubelock mbd`), not with forces at the middles of facets of deformable blocks, "
-            "which are compared; expected thicker blocks or smaller facets: a finer [mesh]"
+            "which are compared; expected thicker blocks"
         )
     raise InputError(
         f"{case.name}: rigid blocks do not carry the load, so that there are no forces to compare: "
