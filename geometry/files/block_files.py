@@ -6,6 +6,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
@@ -201,8 +202,8 @@ def gmsh_session(name: str) -> Iterator[Any]:
 
 
 @contextmanager
-def _opened(path: Path, *, shared: bool = True) -> Iterator[tuple[Any, list[int]]]:
-    """A STEP file in gmsh, and its solids; ``shared``: curved faces that coincide are one face."""
+def _opened(path: Path) -> Iterator[tuple[Any, list[int]]]:
+    """A STEP file in gmsh, and its solids."""
     why = unreadable(path)
     if why is not None:
         raise MeshError(f"{path}: {why}; expected a STEP file")
@@ -216,33 +217,48 @@ def _opened(path: Path, *, shared: bool = True) -> Iterator[tuple[Any, list[int]
         volumes = [tag for _, tag in gmsh.model.getEntities(3)]
         if not volumes:
             raise MeshError(f"{path}: holds no solid; expected at least one closed volume")
-        if shared and len(volumes) > 1 and _any_curved(gmsh):
-            volumes = _with_shared_faces(gmsh, path, volumes)
         yield gmsh, volumes
+
+
+def _drawn(path: Path) -> bytes:
+    """The solids of a STEP file as a BREP file; curved faces that coincide are one face.
+
+    Facets of two meshes of one curved face would lie in each other.
+    """
+    with _opened(path) as (gmsh, volumes), TemporaryDirectory() as folder:
+        if len(volumes) > 1 and _any_curved(gmsh) and not _share_faces(gmsh, volumes):
+            gmsh.clear()
+            gmsh.model.occ.importShapes(str(path))
+            gmsh.model.occ.synchronize()
+        copy = Path(folder) / "solids.brep"
+        gmsh.write(str(copy))
+        return copy.read_bytes()
 
 
 def _any_curved(gmsh: Any) -> bool:
     return any(gmsh.model.getType(*face) != "Plane" for face in gmsh.model.getEntities(2))
 
 
-def _with_shared_faces(gmsh: Any, path: Path, volumes: list[int]) -> list[int]:
-    """Divide faces of solids along each other's edges, so that what coincides is meshed once.
-
-    Facets of two meshes of one curved face would lie in each other. Solids that overlap are left
-    as they are.
-    """
+def _share_faces(gmsh: Any, volumes: list[int]) -> bool:
+    """Divide faces of solids along each other's edges; False: it fails, as where they overlap."""
     solids = [(3, volume) for volume in volumes]
     try:
         _, parts = gmsh.model.occ.fragment(solids[:1], solids[1:])
-        if all(len(part) == 1 for part in parts):
-            gmsh.model.occ.synchronize()
-            return [part[0][1] for part in parts]
+        gmsh.model.occ.synchronize()
     except Exception:  # gmsh raises bare exceptions for faces that it cannot divide
-        pass
-    gmsh.clear()
-    gmsh.model.occ.importShapes(str(path))
-    gmsh.model.occ.synchronize()
-    return volumes
+        return False
+    return bool(parts == [[solid] for solid in solids])
+
+
+@contextmanager
+def _solids_in(drawn: bytes, path: Path) -> Iterator[tuple[Any, list[int]]]:
+    """The solids of a BREP file in gmsh: faces have the same numbers each time."""
+    with gmsh_session(str(path)) as gmsh, TemporaryDirectory() as folder:
+        copy = Path(folder) / "solids.brep"
+        copy.write_bytes(drawn)
+        gmsh.model.occ.importShapes(str(copy))
+        gmsh.model.occ.synchronize()
+        yield gmsh, [tag for _, tag in gmsh.model.getEntities(3)]
 
 
 def _nodes(gmsh: Any) -> tuple[FloatArray, IntArray]:
@@ -258,6 +274,8 @@ class StepFaces:
     """Faces of a STEP file that the triangles of a block are on."""
 
     path: Path
+    drawn: bytes
+    """Its solids, as a BREP file."""
     faces: IntArray
     """gmsh's number of the face of each triangle, 0 for flat ones; (n_triangles,)."""
     extent: tuple[float, FloatArray]
@@ -279,7 +297,7 @@ class StepFaces:
         places, normals = points.copy(), self.outward[triangles].copy()
         if not len(triangles):
             return places, normals
-        with _opened(self.path) as (gmsh, _):
+        with _solids_in(self.drawn, self.path) as (gmsh, _):
             for face in np.unique(self.faces[triangles]).tolist():
                 mine = self.faces[triangles] == face
                 near, at = gmsh.model.getClosestPoint(2, face, points[mine].ravel())
@@ -291,10 +309,10 @@ class StepFaces:
 
 
 def _read_step(
-    path: Path, element_size: float | None
+    drawn: bytes, path: Path, element_size: float | None
 ) -> list[tuple[FloatArray, IntArray, IntArray, tuple[float, FloatArray]]]:
     """Points and triangles of the boundary of each solid of a STEP file, curved faces, extent."""
-    with _opened(path) as (gmsh, volumes):
+    with _solids_in(drawn, path) as (gmsh, volumes):
         if element_size is not None:
             gmsh.option.setNumber("Mesh.MeshSizeMax", element_size)
         gmsh.model.mesh.generate(2)
@@ -333,8 +351,8 @@ class _Solid:
     """Why its surface could not be taken apart into solids; empty where it could."""
     source: tuple[Path, str] | None = None
     """File and its unit, as in `Polyhedron`."""
-    step: tuple[Path, IntArray, tuple[float, FloatArray]] | None = None
-    """STEP file, the faces of the triangles and the extent as in `StepFaces`."""
+    step: tuple[Path, bytes, IntArray, tuple[float, FloatArray]] | None = None
+    """STEP file, its solids, the faces of the triangles and the extent as in `StepFaces`."""
     unrepaired: tuple[Path, NamedSurface, FloatArray, IntArray] | None = None
     """Surface that it is a part of, which can be mended; None: it was mended, or is of a STEP
     file."""
@@ -360,7 +378,7 @@ class _Solid:
             repairs=self.repairs,
             source=self.source,
         )
-        if self.step is None or not self.step[1].any():
+        if self.step is None or not self.step[2].any():
             return block
         return replace(block, exact=StepFaces(*self.step, block.normals))
 
@@ -484,7 +502,8 @@ def _solids(
     scale = millimetres(units)
     suffix = path.suffix.lower()
     if suffix in STEP_SUFFIXES:
-        result = _read_step(path, element_size)
+        drawn = _drawn(path)
+        result = _read_step(drawn, path, element_size)
         several = len(result) > 1
         return [
             _Solid(
@@ -493,7 +512,7 @@ def _solids(
                 triangles,
                 "" if several else path.stem,
                 source=(path, units),
-                step=(path, faces, extent),
+                step=(path, drawn, faces, extent),
             )
             for k, (points, triangles, faces, extent) in enumerate(result)
         ], False
@@ -665,7 +684,7 @@ def step_hexahedra(path: Path, *, divisions: int = 4) -> list[HexMesh]:
     MeshError
         A file that cannot be read, or hexahedra that cannot be used.
     """
-    with _opened(path, shared=False) as (gmsh, volumes):
+    with _opened(path) as (gmsh, volumes):
         if not _made_of_hexahedra(gmsh, divisions):
             return []
         meshes = [hexahedra_in(gmsh, volume) for volume in volumes]
