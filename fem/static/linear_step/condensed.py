@@ -21,13 +21,10 @@ and unknown are the displacements between these (`fem.static.linear_step.pairs`)
 from __future__ import annotations
 
 import hashlib
-from functools import partial
 
 import numpy as np
-import numpy.typing as npt
 from scipy.sparse import csr_array
 
-from fem.contact.search import SearchedPoints
 from fem.static.linear_step.condensation import (
     Flexibility,
     FlexibilityStore,
@@ -48,11 +45,13 @@ class CondensedStep(RetainedNodes, DenseRows):
         self, system: Sector, store: FlexibilityStore | None = None, *, friction: bool = False
     ) -> None:
         DenseRows.__init__(self, system, friction=friction)
-        self._store = FlexibilityStore() if store is None else store
+        store = FlexibilityStore() if store is None else store
         self._transform, free = system.held.transform(system.n_nodes)
         self._is_free = np.zeros(3 * system.n_nodes, dtype=np.bool_)
         self._is_free[free] = True
-        self._kinds: list[Flexibility] = self._make_kinds()
+        self._kinds: list[Flexibility] = self._kinds_of(
+            self._contents(), store, self._make_flexibility
+        )
         RetainedNodes.__init__(self, system, [kind.condensed for kind in self._kinds])
         self._on_variables = [
             np.stack([self._to_variables(slot, of) for of in self._loads[:, dofs]])
@@ -65,11 +64,9 @@ class CondensedStep(RetainedNodes, DenseRows):
     # -----------------------------------------------------------------------------------------
     # Once
 
-    def _make_kinds(self) -> list[Flexibility]:
-        """Flexibility of each slot, one for each body and way of being held."""
-        system = self._system
-        contents: dict[int, bytes] = {}
-        slots: dict[bytes, list[int]] = {}
+    def _contents(self) -> list[bytes]:
+        """Digest of each slot: its body, and how that is held."""
+        system, contents, result = self._system, dict[int, bytes](), []
         for slot in range(system.n_slots):
             body = system.body(slot)
             mine = self._held_rows(slot)
@@ -80,44 +77,8 @@ class CondensedStep(RetainedNodes, DenseRows):
                 system.held.held[mine],
             ):
                 key += hashlib.sha256(np.ascontiguousarray(array).tobytes()).digest()
-            slots.setdefault(key, []).append(slot)
-        nodes = [self._nodes_of_kind(alike) for alike in slots.values()]
-        keys = [
-            key + hashlib.sha256(retained.tobytes()).digest()
-            for key, retained in zip(slots, nodes, strict=True)
-        ]
-        self._check_memory(nodes)
-        self._store.keep(set(keys))
-        kinds = [
-            self._store.get(key, partial(self._make_flexibility, alike[0], retained))
-            for key, alike, retained in zip(keys, slots.values(), nodes, strict=True)
-        ]
-        of_slot = {
-            slot: kind for kind, alike in zip(kinds, slots.values(), strict=True) for slot in alike
-        }
-        return [of_slot[slot] for slot in range(system.n_slots)]
-
-    def _held_rows(self, slot: int) -> npt.NDArray[np.bool_]:
-        """Which held nodes are of a slot, (n_held,)."""
-        nodes, start = self._system.held.nodes, self._system.node_start
-        return (nodes >= start[slot]) & (nodes < start[slot + 1])
-
-    def _nodes_of_kind(self, slots: list[int]) -> IntArray:
-        """Nodes of congruent blocks that contact may act on, and held ones, sorted.
-
-        Facets that match press on each other alone; where they are searched, on any that may come.
-        """
-        system = self._system
-        if isinstance(system.points, SearchedPoints):
-            shape = system.whole.assembly.shape(int(system.blocks[slots[0]]))
-            met = [system.body(slots[0]).mesh.facet_nodes(shape.contact_quads).ravel()]
-        else:
-            touched = np.unique(system.points.rows)
-            ends = np.searchsorted(touched, system.node_start)
-            met = [touched[ends[k] : ends[k + 1]] - system.node_start[k] for k in slots]
-        first = slots[0]
-        held = system.held.nodes[self._held_rows(first)] - system.node_start[first]
-        return np.unique(np.concatenate([*met, held])).astype(np.int64)
+            result.append(key)
+        return result
 
     def _make_flexibility(self, slot: int, retained: IntArray) -> Flexibility:
         condensed = condense(self._system.body(slot), retained)

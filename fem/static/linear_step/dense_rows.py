@@ -6,15 +6,17 @@ What `fem.static.linear_step.condensed` (blocks on their contact nodes, whatever
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+import hashlib
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from itertools import pairwise
-from typing import Protocol
+from typing import Protocol, TypeVar
 
 import numpy as np
 from scipy.sparse import csc_array, csr_array
 
+from fem.contact.search import SearchedPoints
 from fem.static.linear_step.block_tridiagonal import (
     Chain,
     ChainFactor,
@@ -25,13 +27,13 @@ from fem.static.linear_step.block_tridiagonal import (
     add_block,
     factor_chain,
 )
-from fem.static.linear_step.condensation import UnheldBlocksError
+from fem.static.linear_step.condensation import FlexibilityStore, UnheldBlocksError
 from fem.static.linear_step.linearisation import Linearisation, LinearStep
 from fem.static.linear_step.pairs import NodePairs
 from fem.static.linear_step.row_laws import Bound, PairLaw, PointLaw, point_law
 from fem.system.system import Sector
 from geometry.machine.work import Operation, count, hold_memory, require_memory
-from geometry.mesh import FloatArray, IntArray
+from geometry.mesh import BoolArray, FloatArray, IntArray
 
 #: Points count as open when their stiffness is below this share of that at first touch: their
 #: pressure is far below rounding of any other, while their flexibility would drown the rest.
@@ -56,6 +58,9 @@ class Flexible(Protocol):
         """Rigid motions, (n, 0 … 6)."""
 
 
+Kind = TypeVar("Kind", bound=Flexible)
+
+
 class DenseRows(LinearStep):
     """A step in rows of contact; what a block does to them is dense."""
 
@@ -69,6 +74,54 @@ class DenseRows(LinearStep):
         self._chain = Chain(system)
         self._pairs = NodePairs(system) if friction else None
         self._last: _Assembled | None = None
+
+    def _kinds_of(
+        self,
+        contents: Sequence[bytes],
+        store: FlexibilityStore,
+        make: Callable[[int, IntArray], Kind],
+    ) -> list[Kind]:
+        """Of each slot; those of one content share one on the nodes that any of them needs.
+
+        ``make`` makes it of the first of them, on these nodes.
+        """
+        slots: dict[bytes, list[int]] = {}
+        for slot, content in enumerate(contents):
+            slots.setdefault(content, []).append(slot)
+        nodes = {content: self._nodes_of_kind(alike) for content, alike in slots.items()}
+        self._check_memory(list(nodes.values()))
+        keys = {
+            content: content + hashlib.sha256(needed.tobytes()).digest()
+            for content, needed in nodes.items()
+        }
+        store.keep(set(keys.values()))
+        kinds = {
+            content: store.get(keys[content], partial(make, alike[0], nodes[content]))
+            for content, alike in slots.items()
+        }
+        return [kinds[content] for content in contents]
+
+    def _nodes_of_kind(self, slots: list[int]) -> IntArray:
+        """Nodes of congruent blocks that contact may act on, and held ones, sorted.
+
+        Facets that match press on each other alone; where they are searched, on any that may come.
+        """
+        system = self._system
+        if isinstance(system.points, SearchedPoints):
+            shape = system.whole.assembly.shape(int(system.blocks[slots[0]]))
+            met = [system.body(slots[0]).mesh.facet_nodes(shape.contact_quads).ravel()]
+        else:
+            touched = np.unique(system.points.rows)
+            ends = np.searchsorted(touched, system.node_start)
+            met = [touched[ends[k] : ends[k + 1]] - system.node_start[k] for k in slots]
+        first = slots[0]
+        held = system.held.nodes[self._held_rows(first)] - system.node_start[first]
+        return np.unique(np.concatenate([*met, held])).astype(np.int64)
+
+    def _held_rows(self, slot: int) -> BoolArray:
+        """Which held nodes are of a slot, (n_held,)."""
+        nodes, start = self._system.held.nodes, self._system.node_start
+        return (nodes >= start[slot]) & (nodes < start[slot + 1])
 
     def _check_memory(self, nodes: Sequence[IntArray]) -> None:
         """Reject a problem whose dense matrices are beyond the memory, before any is made.

@@ -7,18 +7,14 @@ the nodes of its sides as points, and all its nodes follow.
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Sequence
-from functools import partial
-
-import numpy as np
 
 from fem.static.linear_step.condensation import FlexibilityStore, content_of
 from fem.static.linear_step.dense_rows import DenseRows
 from fem.static.linear_step.grid_block import GridBlock, GridBodies, NodeFlexibility, grids_of
 from fem.static.linear_step.linearisation import Linearisation
 from fem.system.system import Sector
-from geometry.mesh import FloatArray, IntArray
+from geometry.mesh import FloatArray
 
 
 class GridPairStep(DenseRows):
@@ -27,38 +23,18 @@ class GridPairStep(DenseRows):
     def __init__(self, system: Sector, grids: Sequence[GridBlock], store: FlexibilityStore) -> None:
         super().__init__(system, friction=True)
         of_slots = grids_of(system, grids)
-        slots: dict[int, list[int]] = {}
-        for slot, grid in enumerate(of_slots):
-            slots.setdefault(id(grid), []).append(slot)
-        nodes = {key: self._touched(alike) for key, alike in slots.items()}
-        self._check_memory(list(nodes.values()))
-        keys = {
-            key: content_of(system.body(slots[key][0])) + hashlib.sha256(touched.tobytes()).digest()
-            for key, touched in nodes.items()
-        }
-        store.keep(set(keys.values()))
-        kinds = [
-            store.get(keys[id(grid)], partial(NodeFlexibility, grid, nodes[id(grid)]))
-            for grid in of_slots
-        ]
+        contents = {id(body): content_of(body) for body in system.whole.bodies}
+        kinds = self._kinds_of(
+            [contents[id(system.body(slot))] for slot in range(system.n_slots)],
+            store,
+            lambda slot, nodes: NodeFlexibility(of_slots[slot], nodes),
+        )
         self._kinds = kinds
         self._variables = [
             kind.degrees_of_freedom + 3 * start
             for kind, start in zip(kinds, system.node_start.tolist(), strict=False)
         ]
         self._bodies = GridBodies(system, kinds)
-
-    def _touched(self, slots: list[int]) -> IntArray:
-        """Nodes of some congruent blocks that are in contact in any of them, (n,)."""
-        rows = self._system.points.rows
-        own = [
-            rows[(rows >= begin) & (rows < end)] - begin for begin, end in map(self._ends, slots)
-        ]
-        return np.unique(np.concatenate(own))
-
-    def _ends(self, slot: int) -> tuple[int, int]:
-        begin, end = self._system.node_start[slot : slot + 2].tolist()
-        return begin, end
 
     def __call__(
         self, linear: Linearisation, before: FloatArray, holding: float = 0.0
