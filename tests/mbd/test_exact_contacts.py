@@ -60,6 +60,24 @@ def _plug(diameter: float, *, ball: bool = False) -> Callable[[Any], Any]:
     return draw
 
 
+def test_solids_keep_their_order_and_faces_when_their_file_is_gone(tmp_path) -> None:
+    """Cylinders on each other, whose facets lie below the round face by their chords at most."""
+    path, radii = tmp_path / "a.step", [30.0, 10.0, 20.0, 5.0]
+    with gmsh_session("test") as gmsh:
+        for k, radius in enumerate(radii):
+            gmsh.model.occ.addCylinder(0, 0, 10.0 * k, 0, 0, 10.0, radius)
+        gmsh.model.occ.synchronize()
+        gmsh.write(str(path))
+    blocks = read_blocks(path)
+    path.unlink()
+    assert [b.volume for b in blocks] == pytest.approx([10.0 * np.pi * r**2 for r in radii])
+    for block, radius in zip(blocks, radii, strict=True):
+        sides = block.corners[np.abs(block.normals[:, 2]) < 0.5][..., :2]
+        middles = 0.5 * (sides + np.roll(sides, 1, axis=1))
+        chord = radius - np.linalg.norm(middles, axis=2).min()
+        assert 0.5 * chord < block.facet_errors[0].max() <= chord + 1e-9 * radius
+
+
 @pytest.mark.parametrize("size", [None, 10.0])
 @pytest.mark.parametrize("ball", [False, True])
 def test_a_plug_that_fits_its_bore_touches_all_over(
