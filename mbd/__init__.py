@@ -20,17 +20,18 @@ What most need::
 | `contact_jacobian` | velocities of gaps by motions of blocks: proves certificates |
 """
 
+from __future__ import annotations
+
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-from mbd.answer import analyse, stages
-from mbd.contacts.jacobian import contact_jacobian
-from mbd.mechanism import MechanismClass
-from mbd.options import FrictionLaw, Norm, Rigid, Solver, Stages
-from mbd.system import RigidSystem
-
 if TYPE_CHECKING:
+    from mbd.answer import analyse, stages
     from mbd.building.take_out import take_out
+    from mbd.contacts.jacobian import contact_jacobian
+    from mbd.mechanism import MechanismClass
+    from mbd.options import FrictionLaw, Norm, Rigid, Solver, Stages
+    from mbd.system import RigidSystem
 
 __all__ = [
     "FrictionLaw",
@@ -46,8 +47,20 @@ __all__ = [
     "take_out",
 ]
 
-#: Loaded when asked for.
-_PLACES = {"take_out": "mbd.building.take_out"}
+#: Where each name comes from: imported, and with solvers scipy, when it is asked for.
+_PLACES = {
+    "FrictionLaw": "mbd.options",
+    "MechanismClass": "mbd.mechanism",
+    "Norm": "mbd.options",
+    "Rigid": "mbd.options",
+    "RigidSystem": "mbd.system",
+    "Solver": "mbd.options",
+    "Stages": "mbd.options",
+    "analyse": "mbd.answer",
+    "contact_jacobian": "mbd.contacts.jacobian",
+    "stages": "mbd.answer",
+    "take_out": "mbd.building.take_out",
+}
 
 
 def __getattr__(name: str) -> Any:

@@ -134,10 +134,12 @@ class Case:
                 check(problem, method)
             elif isinstance(method, Static):
                 from fem.accuracy.statics import check_static
-                from mbd.held import require_held
 
                 problem = check_static(problem, method)
-                require_held(problem)
+                if problem.coulomb is not None or problem.blocks.detection is not None:
+                    from mbd.held import require_held  # it proves nothing of other problems
+
+                    require_held(problem)
             else:
                 from fem.dynamics import check_explicit, check_step
 

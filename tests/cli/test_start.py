@@ -93,3 +93,7 @@ def test_a_deformable_tube_loads_no_optimiser_and_nothing_that_draws() -> None:
     parts = {name.split(".")[1] for name in modules if name.startswith("scipy.")}
     assert not parts & UNUSED_SCIPY - {"spatial", "special"}
     assert not {name for name in modules if name.startswith(("fem.explicit", "fem.decks"))}
+    # The options of rigid blocks are keys of its scene; nothing that solves them, or solids.
+    assert {name for name in modules if name.startswith("mbd")} == {"mbd", "mbd.options"}
+    assert not {name for name in modules if name.startswith("geometry.polyhedra.facet_contact")}
+    assert not {name for name in modules if name.startswith("numpy.random.")}

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from sys import UnraisableHookArgs
 
 #: Parts of numpy that scipy names as it is loaded and seldom uses: a tenth of the start.
-_SELDOM = {"numpy.f2py", "numpy.testing"}
+_SELDOM = {"numpy.char", "numpy.f2py", "numpy.random", "numpy.testing"}
 
 
 class _WhenUsed(PathFinder):
