@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, replace
+from functools import cache
 from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
@@ -364,7 +365,7 @@ def _answer(
         fields=Lazy(fields),
         arrays=arrays,
         contacts=contacts,
-        reported=lambda: _report(system, seconds),
+        reported=cache(lambda: _report(system, seconds)),
         details=system,
         problem=stated,
         cut=lambda planes: _sections(system, planes),

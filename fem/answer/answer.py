@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import asdict
-from functools import partial
+from functools import cache, partial
 from typing import Any
 
 import numpy as np
@@ -108,7 +108,7 @@ def answer_of(
             }
         ),
         contacts=contacts_of(state, facets),
-        reported=lambda: known(report_of(state, facets, sought=sought) | dict(beside or {})),
+        reported=cache(lambda: known(report_of(state, facets, sought=sought) | dict(beside or {}))),
         details=state,
         problem=problem,
         cut=partial(section_forces, state),
