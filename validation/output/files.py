@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import datetime
 import functools
+import glob
 import hashlib
 import json
 import math
@@ -156,12 +157,12 @@ def program() -> str:
     """Version and digest of the sources that answers come from, such as ``0.1.0+3f2a9c0d17b4``."""
     digest = hashlib.sha256()
     for package, patterns in _SOURCES.items():
-        folder = Path(str(resources.files(package)))
-        found = (path for pattern in patterns for path in folder.glob(pattern))
-        texts = {path.relative_to(folder).as_posix(): path for path in found}
-        for name, path in sorted(texts.items()):
+        folder = str(resources.files(package))
+        found = (glob.glob(pattern, root_dir=folder, recursive=True) for pattern in patterns)
+        for name in sorted(name.replace(os.sep, "/") for names in found for name in names):
             digest.update(f"{package}/{name}".encode())
-            digest.update(path.read_bytes())
+            with open(f"{folder}/{name}", "rb") as source:
+                digest.update(source.read())
     return f"{version()}+{digest.hexdigest()[:12]}"
 
 
