@@ -278,8 +278,12 @@ def jacobians(mesh: HexMesh, natural: FloatArray) -> FloatArray:
 
 def _interpolated(mesh: HexMesh, values: FloatArray) -> FloatArray:
     """Sum of values (n_points, 8) times corners of every element: (3, n_points, n_elements)."""
-    corners = np.ascontiguousarray(mesh.nodes[mesh.elements].transpose(2, 1, 0))
-    return np.matmul(values, corners)
+    return np.matmul(values, _corners(mesh))
+
+
+def _corners(mesh: HexMesh) -> FloatArray:
+    """Coordinates of the corners of every element, (3, 8, n_elements)."""
+    return np.ascontiguousarray(mesh.nodes.T).take(mesh.elements.T, axis=1)
 
 
 def corner_jacobians(mesh: HexMesh) -> FloatArray:
@@ -287,10 +291,10 @@ def corner_jacobians(mesh: HexMesh) -> FloatArray:
 
     There they are an eighth of the triple product of the three edges that meet.
     """
-    corners = np.ascontiguousarray(mesh.nodes[mesh.elements].transpose(1, 2, 0))
+    corners = _corners(mesh)
     jacobians = np.empty((mesh.n_elements, 8))
     for corner, (i, j, k) in enumerate(_NEIGHBOURS):
-        (a, d, g), (b, e, h), (c, f, w) = (corners[n] - corners[corner] for n in (i, j, k))
+        (a, d, g), (b, e, h), (c, f, w) = (corners[:, n] - corners[:, corner] for n in (i, j, k))
         jacobians[:, corner] = (
             a * (e * w - h * f) - b * (d * w - g * f) + c * (d * h - g * e)
         ) / 8.0

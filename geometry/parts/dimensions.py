@@ -15,7 +15,15 @@ import numpy as np
 
 from geometry.assembly import Assembly
 from geometry.block import Block, facet_corners
-from geometry.mesh import BoolArray, FloatArray, IntArray, along_curve
+from geometry.mesh import (
+    BoolArray,
+    FloatArray,
+    IntArray,
+    along_curve,
+    cross,
+    lengths,
+    row_keys,
+)
 from geometry.parts.placed import AnyBlocks
 from geometry.parts.rows import Row, grouped
 
@@ -255,7 +263,7 @@ def _contact_area(blocks: AnyBlocks, samples: _Samples) -> float:
     for number in np.unique(shape_of[counts]).tolist():
         shape = blocks.shapes[number]
         faces = [samples.of(shape, face)[1] for face in shape.contact_faces]
-        each = np.concatenate([np.linalg.norm(face, axis=2).sum(axis=1) for face in faces])
+        each = np.concatenate([lengths(face).sum(axis=1) for face in faces])
         area += float(each[joints.facet_m[counts & (shape_of == number)]].sum())
     return area
 
@@ -275,7 +283,7 @@ def _vectors(points: Callable[[FloatArray], FloatArray], places: FloatArray) -> 
     at = at.reshape(len(at), 2, 4, -1, 3)
     near, far = at[:, :, 0] - at[:, :, 1], at[:, :, 2] - at[:, :, 3]
     tangents = (8.0 * near - far) / (12.0 * _STEP)
-    return np.cross(tangents[:, 0], tangents[:, 1])
+    return cross(tangents[:, 0], tangents[:, 1])
 
 
 def _square(along: FloatArray, across: FloatArray) -> FloatArray:
@@ -301,7 +309,7 @@ def _steepest(shape: Block, face: str, axis: FloatArray, samples: _Samples) -> f
         mean = axis
 
     def steepness(vectors: FloatArray) -> FloatArray:
-        return np.asarray(np.linalg.norm(np.cross(unit_vectors(vectors), mean), axis=2))
+        return lengths(cross(unit_vectors(vectors), mean))
 
     steep = np.argsort(-steepness(vectors).max(axis=1), kind="stable")[:_STEEP]
     looked = np.linspace(-1.0, 1.0, _LOOKED)
@@ -342,11 +350,11 @@ def least_wall(shape: Any) -> float:
     """
     points, facets, face = _surface(shape)
     corners = points[facets]
-    normals = unit_vectors(np.cross(corners[:, 2] - corners[:, 0], corners[:, -1] - corners[:, 1]))
+    normals = unit_vectors(cross(corners[:, 2] - corners[:, 0], corners[:, -1] - corners[:, 1]))
     sides = _Sides(facets, face)
     # Corners of a face once, each with one of its facets.
     every = np.column_stack([np.repeat(face, facets.shape[1]), facets.ravel()])
-    _, corner = np.unique(every, axis=0, return_index=True)
+    _, corner = np.unique(row_keys(every), return_index=True)
     start = np.concatenate([corners.mean(axis=1), corners.reshape(-1, 3)[corner]])
     own = np.concatenate([np.arange(len(facets)), corner // facets.shape[1]])
     reach, least = float(np.linalg.norm(np.ptp(points, axis=0))), np.inf
@@ -460,8 +468,8 @@ class _Boxes:
             (ray[met], self.order[box[met]], length)
             for met, length in self._met(start[ray], direction[ray], box, reach)
         ]
-        rays, facets, lengths = zip(*result, strict=True)
-        return np.concatenate(rays), np.concatenate(facets), np.concatenate(lengths)
+        rays, facets, far = zip(*result, strict=True)
+        return np.concatenate(rays), np.concatenate(facets), np.concatenate(far)
 
     def _met(
         self, start: FloatArray, direction: FloatArray, facets: IntArray, reach: float
@@ -471,11 +479,11 @@ class _Boxes:
         for k in range(2, corners.shape[1]):
             origin = corners[:, 0]
             one, other = corners[:, k - 1] - origin, corners[:, k] - origin
-            across, arm = np.cross(direction, other), start - origin
+            across, arm = cross(direction, other), start - origin
             volume = np.einsum("ni,ni->n", one, across)
-            size = np.linalg.norm(one, axis=1) * np.linalg.norm(other, axis=1)
+            size = lengths(one) * lengths(other)
             volume[np.abs(volume) <= _PARALLEL * size] = np.nan
-            turned = np.cross(arm, one)
+            turned = cross(arm, one)
             u = np.einsum("ni,ni->n", arm, across) / volume
             v = np.einsum("ni,ni->n", direction, turned) / volume
             length = np.einsum("ni,ni->n", other, turned) / volume
@@ -507,5 +515,5 @@ def _reaches(
 
 def unit_vectors(vectors: FloatArray) -> FloatArray:
     """Vectors (…, 3) over their length; zero stays zero."""
-    lengths = np.linalg.norm(vectors, axis=-1, keepdims=True)
-    return np.divide(vectors, lengths, out=np.zeros_like(vectors), where=lengths > 0.0)
+    size = lengths(vectors)[..., None]
+    return np.divide(vectors, size, out=np.zeros_like(vectors), where=size > 0.0)
