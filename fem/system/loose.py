@@ -38,9 +38,8 @@ def loose_blocks(
     (n_copies, n_nodes, 3) [mm], pressures those of the points of the facets [MPa]. Of blocks that
     one stands for (n_blocks,) that one is judged.
     """
-    assembly = system.assembly
+    assembly, length = system.assembly, system.assembly.characteristic_length
     pressing = np.flatnonzero((point_pressures > 0.0).any(axis=1))
-    surfaces, point_pressures = surfaces.subset(pressing), point_pressures[pressing]
     supported = np.unique(system.supports.block)
     loose = []
     moving = system.deformable_blocks
@@ -50,19 +49,17 @@ def loose_blocks(
         if springs is not None or block in supported:
             continue
         arms = assembly.nodes(int(block)) - assembly.centroids[block]
-        rows = []
+        motions, rows = rigid_motions(arms / length), []
         for side in range(2):
             blocks = (surfaces.block_m, surfaces.block_s)[side]
-            mine = np.flatnonzero(assembly.originals[blocks] == block)
+            mine = pressing[assembly.originals[blocks[pressing]] == block]
             facets = surfaces.subset(mine)
             corners = corner_displacements(system, displacements, facets)
             gradient = facets.kinematics(corners).gradient
             force = np.split(gradient, 2, axis=2)[side]
-            quads = (facets.quads_m, facets.quads_s)[side]
-            moment = np.cross(arms[quads][:, None], force).sum(axis=2)
-            wrench = np.concatenate(
-                [force.sum(axis=2), moment / assembly.characteristic_length], axis=2
-            )
+            n_facets, n_points, n_nodes, _ = force.shape
+            felt = motions[(facets.quads_m, facets.quads_s)[side]].reshape(-1, 3 * n_nodes, 6)
+            wrench = force.reshape(n_facets, n_points, 3 * n_nodes) @ felt
             rows.append(wrench[point_pressures[mine] > 0.0])
         wrenches = np.concatenate(rows)
         stiffness = np.linalg.eigvalsh(wrenches.T @ wrenches)

@@ -44,7 +44,10 @@ def cyclic_sector(system: System, order: int) -> Sector:
     if order == 1:
         return every
     image = _images(system, order)
-    for what, values in (("loads", every.loads[-1]), ("supports", _held_components(every))):
+    alike = {"loads": every.loads[-1]}
+    if len(every.held.nodes):
+        alike["supports"] = _held_components(every)
+    for what, values in alike.items():
         block = _unlike(every, values, image)
         if block is not None:
             raise SymmetryError(
@@ -226,17 +229,17 @@ def _moved(
 
 
 def _unlike(
-    every: Sector, values: FloatArray, image: IntArray, over: TurnedOver | None = None
+    sector: Sector, values: FloatArray, image: IntArray, over: TurnedOver | None = None
 ) -> int | None:
     """Block whose values of nodes (n_nodes, …, 3) are not those of its image, turned over or not.
 
-    None where all are.
+    None where all that are computed are alike.
     """
     tolerance = _TOLERANCE * float(np.abs(values).max())
-    for block in every.blocks.tolist():
-        one, two = (values[every.nodes_of(int(every.slot_of[b]))] for b in (block, image[block]))
+    for block in sector.blocks.tolist():
+        one, two = (values[sector.nodes_of(int(sector.slot_of[b]))] for b in (block, image[block]))
         if over is not None:
-            shape = int(every.whole.assembly.shape_of[block])
+            shape = int(sector.whole.assembly.shape_of[block])
             one, two = one @ over.rotations[shape].T, two[over.nodes[shape]]
         if np.abs(one - two).max() > tolerance:
             return int(block)
@@ -333,8 +336,7 @@ def _turned_over(sector: Sector, turn: FloatArray, centre: FloatArray) -> Sector
     if (before[image] == before)[moving].any():
         return None
     over = TurnedOver(before[image] < before, tuple(rotations), tuple(nodes), tuple(facets))
-    every = system.computed
-    differs = _unlike(every, every.loads[-1], image, over) is not None
+    differs = _unlike(sector, sector.loads[-1], image, over) is not None
     if differs or not _same_joints(system, image):
         return None
     stands = np.minimum(before, before[image])
@@ -347,8 +349,9 @@ def _onto_itself(
 ) -> tuple[IntArray, IntArray] | None:
     """Where a motion takes each node and each contact facet of a shape; None: not onto itself."""
     nodes = shape.mesh.nodes
-    distance, result = cKDTree(nodes).query(nodes @ turn.T + shift)
-    if np.max(distance) > _TOLERANCE * np.ptp(nodes, axis=0).max():
+    most = _TOLERANCE * float(np.ptp(nodes, axis=0).max())
+    distance, result = cKDTree(nodes).query(nodes @ turn.T + shift, distance_upper_bound=most)
+    if np.max(distance) > most:  # infinite where no node is
         return None
     image = np.asarray(result, dtype=np.int64)
     before = np.sort(shape.contact_quads, axis=1)
