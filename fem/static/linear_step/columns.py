@@ -18,10 +18,11 @@ doi:10.1107/S0567739476001873, for the rotation between two sets of points.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 import scipy.linalg
@@ -34,6 +35,8 @@ from geometry.mesh import BoolArray, FloatArray, IntArray
 
 #: Columns are congruent where nodes map onto each other to this part of their size.
 _CONGRUENT = 1e-9
+#: Elements have one stiffness where they differ by a shift to this part of their size: round-off.
+_SHIFTED = 1e-13
 
 
 @dataclass(frozen=True)
@@ -91,10 +94,11 @@ class _Copy:
 
 @dataclass(frozen=True)
 class _Front:
-    """Condensed stiffness on planes across the columns and on points."""
+    """Condensed stiffness on planes across the columns, or on parts of elements, and on points."""
 
-    planes: dict[int, IntArray]
-    """Unknowns of the nodes of each plane, in the order of the matrix; shared by its number."""
+    planes: dict[Any, IntArray]
+    """Unknowns of the nodes of each plane, in the order of the matrix; shared by its number, of
+    parts of elements by their places in the grid (`_Dissection.places`)."""
     points: IntArray
     """Numbers of the points that come after them, (n_points,)."""
     matrix: FloatArray
@@ -190,17 +194,17 @@ def flexible_block(block: ColumnBlock, asked: BoolArray, rigid: FloatArray) -> F
     steps, last = list(column.steps), len(fronts)
     numbers = block.n_beside + np.flatnonzero(asked[block.n_beside :])
     # The ends go first: no front has more than two planes, and the last one has only one.
-    front = _joined([fronts[0], _end(block, fronts[0], 0, numbers)], 0, steps)
+    front = _joined([fronts[0], _end(block, fronts[0], 0, numbers)], [0], steps)
     for k, other in enumerate(fronts[1:-1], 1):
-        front = _joined([front, other], k, steps)
+        front = _joined([front, other], [k], steps)
     end = _end(block, fronts[-1], last, numbers)
     final = last - 1 if last > 1 else last
-    other = _joined([fronts[-1], end], last, steps) if last > 1 else end
+    other = _joined([fronts[-1], end], [last], steps) if last > 1 else end
     held = front.planes[final]
     springs = np.linalg.qr(rigid[held])[0]
     stiffness = float(np.diag(front.matrix)[: len(held)].mean())
     spring = _Front({final: held}, np.empty(0, dtype=np.int64), stiffness * springs @ springs.T)
-    front = _joined([front, other, spring], final, steps)
+    front = _joined([front, other, spring], [final], steps)
     return FlexibleBlock(front.points, -front.matrix, replace(column, steps=tuple(steps)), held)
 
 
@@ -280,7 +284,7 @@ def _condensed(block: ColumnBlock, lengths: list[int], wanted: BoolArray) -> tup
     column, (front, *others) = _parts(block, lengths, wanted)
     steps = list(column.steps)
     for k, other in enumerate(others, 1):
-        front = _joined([front, other], k, steps)
+        front = _joined([front, other], [k], steps)
     return replace(column, steps=tuple(steps)), front
 
 
@@ -344,50 +348,54 @@ def _turned(matrix: FloatArray, turn: FloatArray, n: int) -> FloatArray:
     return result
 
 
-def _joined(fronts: list[_Front], inside: int, steps: list[Elimination]) -> _Front:
-    """Sum of fronts without one of their planes; its step is added to those before."""
+def _joined(fronts: list[_Front], inside: Iterable[Any], steps: list[Elimination]) -> _Front:
+    """Sum of fronts without some of their planes; the step is added to those before."""
     planes = {key: plane for front in fronts for key, plane in front.planes.items()}
-    eliminated = planes.pop(inside)
-    n = len(eliminated)
-    around = np.concatenate([*planes.values(), np.empty(0, dtype=np.int64)])
-    keys = dict(zip(planes, np.cumsum([0, *map(len, planes.values())]), strict=False))
+    eliminated = {key: planes.pop(key) for key in inside}
+    sizes = [len(plane) for plane in (eliminated | planes).values()]
+    at = dict(zip(eliminated | planes, np.cumsum([0, *sizes]).tolist(), strict=False))
+    within, around = (
+        np.concatenate([*some.values(), np.empty(0, dtype=np.int64)])
+        for some in (eliminated, planes)
+    )
     points = np.concatenate([front.points for front in fronts])
-    m, first = len(around) + len(points), len(around)
-    inner, coupling, rest = np.zeros((n, n)), np.zeros((n, m), order="F"), np.zeros((m, m))
+    n, m, first = len(within), len(around) + len(points), sum(sizes)
+    inner, coupling, rest = np.zeros((n, n)), np.zeros((n, m)), np.zeros((m, m))
     for front in fronts:
-        starts = [-1 if key == inside else keys[key] for key in front.planes] + [first]
+        to = [*(at[key] for key in front.planes), first]
         first += len(front.points)
         own = [slice(a, b) for a, b in pairwise(front.starts)]
-        to = [slice(t, t + o.stop - o.start) for t, o in zip(starts, own, strict=True)]
-        for i, row in enumerate(own):
-            for j, column in enumerate(own):
-                part = front.matrix[row, column]
-                if starts[i] < 0 and starts[j] < 0:
-                    inner += part
-                elif starts[i] < 0:
-                    coupling[:, to[j]] += part
-                elif starts[j] >= 0:
-                    rest[to[i], to[j]] += part
+        for i, row in zip(to, own, strict=True):
+            for j, column in zip(to, own, strict=True):
+                # Below the diagonal inside, above it around: no more is read.
+                if j <= i < n:
+                    inner[_run(i, row), _run(j, column)] += front.matrix[row, column]
+                elif i < n <= j:
+                    coupling[_run(i, row), _run(j - n, column)] += front.matrix[row, column]
+                elif n <= i <= j:
+                    rest[_run(i - n, row), _run(j - n, column)] += front.matrix[row, column]
     count_elimination(n, m)
     factor = scipy.linalg.cholesky(inner, lower=True, check_finite=False)
-    coupling = scipy.linalg.blas.dtrsm(1.0, factor, coupling, lower=1, overwrite_b=1)
+    # In Fortran order both are transposed: from the right BLAS is faster, too.
+    scipy.linalg.blas.dtrsm(1.0, factor, coupling.T, side=1, lower=1, trans_a=1, overwrite_b=1)
     _subtract_square(rest, coupling)
-    nodes = np.ascontiguousarray(coupling[:, : len(around)])
-    steps.append(Elimination(eliminated, around, factor, nodes))
+    nodes = coupling[:, : len(around)].copy()
+    steps.append(Elimination(within, around, factor, nodes))
     return _Front(planes, points, rest)
 
 
+def _run(start: int, like: slice) -> slice:
+    """As many from a start on as another run has."""
+    return slice(start, start + like.stop - like.start)
+
+
 def _subtract_square(matrix: FloatArray, factor: FloatArray) -> None:
-    """Subtract WᵀW from a symmetric matrix in C order; W in Fortran order, both by BLAS."""
+    """Subtract WᵀW from a symmetric matrix, by BLAS; both in C order."""
     if not len(matrix):  # no point is asked for
         return
     # The lower triangle in Fortran order is the upper one of the matrix.
-    scipy.linalg.blas.dsyrk(-1.0, factor, beta=1.0, c=matrix.T, trans=1, lower=1, overwrite_c=1)
+    scipy.linalg.blas.dsyrk(-1.0, factor.T, beta=1.0, c=matrix.T, lower=1, overwrite_c=1)
     mirror(matrix)
-
-
-#: Unknowns of a part, ascending, and its stiffness on them.
-_Piece = tuple[IntArray, FloatArray]
 
 
 class _Dissection:
@@ -399,94 +407,80 @@ class _Dissection:
         self.numbers = block.node_grid(length)
         self.points, self.wanted = block.point_grid(length), wanted
         self.steps: list[Elimination] = []
-        # First and last element of each node in each direction; those of planes lie outside.
-        self.first, self.last = [], []
+        # Twice the elements before a node in each direction, one more between planes of nodes: at
+        # one place all have the same elements. Ends belong to the last ones, but for the planes.
+        places = []
         for axis, count in enumerate(self.counts):
             k = np.arange(count * p + 1)
-            ends = axis == 1
-            first = np.maximum((k - 1) // p, -1 if ends else 0)
-            last = np.minimum(k // p, count if ends else count - 1)
-            shape = [1, 1, 1]
-            shape[axis] = -1
-            grid = self.numbers.shape
-            self.first.append(np.broadcast_to(first.reshape(shape), grid).ravel())
-            self.last.append(np.broadcast_to(last.reshape(shape), grid).ravel())
+            place = 2 * (k // p) + (k % p > 0)
+            places.append(place if axis == 1 else np.clip(place, 1, 2 * count - 1))
+        self.places: IntArray = np.stack(np.meshgrid(*places, indexing="ij"), axis=-1)
+        #: Elements so far that differ by more than a shift: their nodes from the first on, [mm].
+        self.shapes: list[tuple[FloatArray, FloatArray]] = []
 
     def condensed(self, planes: IntArray) -> tuple[tuple[Elimination, ...], _Front]:
         """Eliminations, and what remains on both planes of nodes and the points."""
-        unknowns, matrix = self._visit(((0, 0, 0), self.counts))
-        numbers = np.flatnonzero(self.wanted)
-        order = np.concatenate([_unknowns(planes), 3 * self.numbers.size + numbers])
-        take = np.searchsorted(unknowns, order)
+        front = self._visit((0, 0, 0), self.counts)
+        size, numbers = 3 * self.numbers.size, np.flatnonzero(self.wanted)
+        unknowns = np.concatenate([*front.planes.values(), size + front.points])
+        order = np.concatenate([_unknowns(planes), size + numbers])
+        where = np.argsort(unknowns)
+        take = where[np.searchsorted(unknowns, order, sorter=where)]
+        matrix = front.matrix[np.ix_(take, take)]
         one, other = (_unknowns(plane) for plane in planes.reshape(2, -1))
-        return tuple(self.steps), _Front({0: one, 1: other}, numbers, matrix[np.ix_(take, take)])
+        return tuple(self.steps), _Front({0: one, 1: other}, numbers, matrix)
 
-    def _visit(self, box: tuple[tuple[int, ...], tuple[int, ...]]) -> _Piece:
-        """Condensed stiffness of a box of elements."""
-        low, high = box
+    def _visit(self, low: tuple[int, ...], high: tuple[int, ...]) -> _Front:
+        """Condensed stiffness of a box of elements, without what no element outside has."""
         sizes = [b - a for a, b in zip(low, high, strict=True)]
         axis = int(np.argmax(sizes))
         if sizes[axis] == 1:
-            return self._eliminated([self._element(low)], box)
-        middle = low[axis] + sizes[axis] // 2
-        lower = tuple(middle if k == axis else h for k, h in enumerate(high))
-        upper = tuple(middle if k == axis else a for k, a in enumerate(low))
-        return self._eliminated([self._visit((low, lower)), self._visit((upper, high))], box)
+            fronts = [self._element(low)]
+        else:
+            middle = low[axis] + sizes[axis] // 2
+            lower = tuple(middle if k == axis else h for k, h in enumerate(high))
+            upper = tuple(middle if k == axis else a for k, a in enumerate(low))
+            fronts = [self._visit(low, lower), self._visit(upper, high)]
+        keys = dict.fromkeys(key for front in fronts for key in front.planes)
+        inside = [
+            key
+            for key in keys
+            if all(2 * a < k < 2 * b for a, k, b in zip(low, key, high, strict=True))
+        ]
+        return _joined(fronts, inside, self.steps)
 
-    def _element(self, at: tuple[int, ...]) -> _Piece:
+    def _element(self, at: tuple[int, ...]) -> _Front:
         """Stiffness of an element, with its points."""
         p, block = self.block.degree, self.block
         window = tuple(slice(k * p, (k + 1) * p + 1) for k in at)
-        nodes = self.numbers[window].ravel()
-        stiffness = block.stiffness(block.nodes[window].reshape(1, -1, 3))[0]
+        keys, part = np.unique(self.places[window].reshape(-1, 3), axis=0, return_inverse=True)
+        order = np.argsort(part, kind="stable")
+        nodes = self.numbers[window].ravel()[order]
+        runs = np.split(nodes, np.cumsum(np.bincount(part))[:-1])
+        planes = {tuple(key): _unknowns(run) for key, run in zip(keys.tolist(), runs, strict=True)}
         faces = [face for face, end in ((0, 0), (1, self.counts[2] - 1)) if at[2] == end]
         on_quad = self.points[faces, at[0], at[1]].ravel()
         numbers = on_quad[self.wanted[on_quad]]
-        unknowns = _unknowns(nodes)
-        if not len(numbers):
-            return unknowns, stiffness
-        n = len(unknowns)
+        n, take = 3 * len(nodes), _unknowns(order)
         matrix = np.zeros((n + len(numbers),) * 2)
-        matrix[:n, :n] = stiffness
+        matrix[:n, :n] = self._stiffness(block.nodes[window].reshape(-1, 3))[np.ix_(take, take)]
         # Points and nodes of the block, which begins with this column.
         points = block.point_grid(block.counts[1])[:, :, : self.counts[1]].ravel()
         rows = block.rows[points[numbers]]
         places = np.empty(rows.shape[1] // 3, dtype=np.int64)
-        places[block.node_grid(block.counts[1])[window].ravel()] = np.arange(len(nodes))
+        places[block.node_grid(block.counts[1])[window].ravel()[order]] = np.arange(len(nodes))
         entry = csr_array(rows).tocoo()
         columns = 3 * places[entry.col // 3] + entry.col % 3
         matrix[n + entry.row, columns] = entry.data
         matrix[columns, n + entry.row] = entry.data
-        return np.concatenate([unknowns, 3 * self.numbers.size + numbers]), matrix
+        return _Front(planes, numbers, matrix)
 
-    def _eliminated(
-        self, pieces: list[_Piece], box: tuple[tuple[int, ...], tuple[int, ...]]
-    ) -> _Piece:
-        """Sum of pieces without the nodes that no element outside the box has."""
-        unknowns = np.unique(np.concatenate([own for own, _ in pieces]))
-        nodes = unknowns[unknowns < 3 * self.numbers.size] // 3
-        inside = np.zeros(len(unknowns), dtype=np.bool_)
-        within = np.ones(len(nodes), dtype=np.bool_)
-        for axis, (a, b) in enumerate(zip(*box, strict=True)):
-            within &= (self.first[axis][nodes] >= a) & (self.last[axis][nodes] < b)
-        inside[: len(nodes)] = within
-        n = int(inside.sum())
-        place = np.empty(len(unknowns), dtype=np.int64)
-        order = np.concatenate([np.flatnonzero(inside), np.flatnonzero(~inside)])
-        place[order] = np.arange(len(order))
-        total = np.zeros((len(order),) * 2)
-        for own, matrix in pieces:
-            at = place[np.searchsorted(unknowns, own)]
-            total[np.ix_(at, at)] += matrix
-        rest = total[n:, n:]
-        around = unknowns[~inside]
-        if n:
-            count_elimination(n, len(rest))
-            factor = scipy.linalg.cholesky(total[:n, :n], lower=True, check_finite=False)
-            coupling = scipy.linalg.blas.dtrsm(1.0, factor, total[:n, n:], lower=1)
-            rest = np.ascontiguousarray(rest)
-            _subtract_square(rest, coupling)
-            k = int((around < 3 * self.numbers.size).sum())
-            kept = np.ascontiguousarray(coupling[:, :k])
-            self.steps.append(Elimination(unknowns[inside], around[:k], factor, kept))
-        return around, rest
+    def _stiffness(self, nodes: FloatArray) -> FloatArray:
+        """Stiffness of an element (n, 3) [mm]: the same one of elements that differ by a shift."""
+        shape, size = nodes - nodes[0], np.ptp(nodes, axis=0).max()
+        for known, stiffness in self.shapes:
+            if np.abs(shape - known).max() <= _SHIFTED * size:
+                return stiffness
+        stiffness = self.block.stiffness(nodes[None])[0]
+        self.shapes.append((shape, stiffness))
+        return stiffness

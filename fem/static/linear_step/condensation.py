@@ -159,12 +159,12 @@ def condense(body: Body, retained: IntArray) -> CondensedBlock:
 
 def mirror(matrix: FloatArray) -> None:
     """Copy the upper triangle of a matrix in C order to the lower one: it is symmetric."""
-    n = len(matrix)
+    n, below = len(matrix), np.tri(_TILE, k=-1, dtype=np.bool_)
     for a in range(0, n, _TILE):
         b = min(a + _TILE, n)
         matrix[b:, a:b] = matrix[a:b, b:].T
-        corner = np.triu(matrix[a:b, a:b])
-        matrix[a:b, a:b] = corner + np.triu(corner, 1).T
+        corner = matrix[a:b, a:b]
+        np.copyto(corner, corner.T.copy(), where=below[: b - a, : b - a])
 
 
 def _halves(
