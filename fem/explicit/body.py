@@ -191,6 +191,11 @@ class LaneBody:
         return np.union1d(self.held.still.index, moved)
 
     @cached_property
+    def held_loads(self) -> IntArray:
+        """What `loaded` holds, of the rows with supports alone, (2, n)."""
+        return self.loaded[:, np.isin(self.loaded[0], self.supported // (3 * self.lanes))]
+
+    @cached_property
     def second_moment(self) -> FloatArray:
         """Σ m X Xᵀ about the mass centroid, (3, 3) [t mm²]."""
         return (self.mass[:, None] * self.reference).T @ self.reference

@@ -143,7 +143,8 @@ def initial_body_state(
         applied = aligned_zeros((body.n_applied, 3, body.lanes))
     if applied is not None and body.loads:
         force = np.zeros_like(applied) if meets else applied
-        loads = LoadState(force, np.full(len(body.loads), np.nan))
+        work = sums_of_chunks(n_chunks, 2, body.lanes)
+        loads = LoadState(force, np.full(len(body.loads), np.nan), work)
     state = BodyState(
         displacement=_placement_lanes(body, displacement, "displacement"),
         velocity=_placement_lanes(body, velocity, "velocity"),

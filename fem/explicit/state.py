@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, field
 
 from fem.explicit.kernels.layout import LaneArray
@@ -81,8 +80,8 @@ class LoadState:
     """(n_applied, 3, lanes) [N]"""
     factor: FloatArray
     """Amplitudes that it has, (n_loads,); NaN: none yet."""
-    power: float = math.nan
-    """At the velocity of the state [N mm/s]; NaN: not yet."""
+    work: FloatArray
+    """(n_chunks, 2, ≥ lanes): see `fem.explicit.kernels.motion.update`."""
 
 
 @dataclass
@@ -148,7 +147,7 @@ class BodyState:
     remembered: FloatArray | None
     """With adaptive damping: displacement and restoring force, (2, n_rows, 3, lanes)."""
     external_work: ForceWork = field(default_factory=ForceWork)
-    """Of the loads."""
+    """Of gravity that changes in time; correction of the work of loads at supported nodes."""
     support_work: ForceWork = field(default_factory=ForceWork)
     """Of moving supports."""
     support_loss: ForceWork = field(default_factory=ForceWork)

@@ -24,6 +24,7 @@ from fem.explicit.kernels import (
     Damper,
     Drag,
     KernelSet,
+    Loads,
     MovingRows,
     Placing,
     add_at,
@@ -127,15 +128,14 @@ def step(loop: Loop, *, sample: bool = False) -> None:
         falling = None if body.acceleration is None else gravity_at(loop, body, time)
         ramped = None if now.momentum is None else falling
         before = after = 0.0
-        if body.loads:
-            before = load_power(body)
         if ramped is not None:
-            before += ramped_gravity_power(body, ramped)
+            before = ramped_gravity_power(body, ramped)
         advance(loop, body, falling, sample=sample)
         if body.held is not None:
+            # `update` took the work of loads with the velocity before this correction.
+            after -= held_load_power(body)
             enforce_support(loop, body)
-        if body.loads:
-            after = load_power(body, moved=True)
+            after += held_load_power(body)
         if ramped is not None:
             after += ramped_gravity_power(body, ramped, moved=True)
         half = 0.5 * loop.time_step
@@ -266,11 +266,8 @@ def load_factor(load: BodyLoad, time: float) -> float:
 
 
 def set_loads(body: LaneBody, loads: LoadState, factors: list[float]) -> None:
-    """Forces of the loads at their amplitudes, which turn with the block frame if they follow it.
-
-    Their power is not known any more.
-    """
-    loads.factor[:], loads.power = factors, math.nan
+    """Forces of the loads at their amplitudes; those that follow the block frame turn with it."""
+    loads.factor[:] = factors
     loads.force[:] = 0.0
     for load, factor in zip(body.loads, factors, strict=True):
         following, frame, values = load.following, body.now.frame, load.values
@@ -281,19 +278,13 @@ def set_loads(body: LaneBody, loads: LoadState, factors: list[float]) -> None:
         add_at(loads.force.ravel(), load.applied.start, load.applied.pointer, values, factor)
 
 
-def load_power(body: LaneBody, *, moved: bool = False) -> float:
-    """Power of the loads at the velocity that the state holds [N mm/s].
-
-    The sum over the loaded nodes is taken anew where the velocity has ``moved`` since the last call
-    or the loads have changed.
-    """
-    now = body.now
-    loads = now.loads
-    assert loads is not None
-    if moved or math.isnan(loads.power):
-        velocity, force = now.velocity.ravel(), loads.force.ravel()
-        loads.power = dot_rows(velocity, body.loaded[0], force, body.loaded[1], 3 * body.lanes)
-    return loads.power
+def held_load_power(body: LaneBody) -> float:
+    """Power of the loads on rows with supports at the velocity that the state holds [N mm/s]."""
+    loads, (row, applied) = body.now.loads, body.held_loads
+    if loads is None or not len(row):
+        return 0.0
+    velocity, force = body.now.velocity.ravel(), loads.force.ravel()
+    return float(dot_rows(velocity, row, force, applied, 3 * body.lanes))
 
 
 def gravity_at(loop: Loop, body: LaneBody, time: float) -> LaneArray | None:
@@ -319,7 +310,7 @@ def ramped_gravity_power(body: LaneBody, falling: LaneArray, *, moved: bool = Fa
 def advance(loop: Loop, body: LaneBody, falling: LaneArray | None, *, sample: bool) -> None:
     """v_{n+½} = v_{n-½} + Δt a_n and u_{n+1} = u_n + Δt v_{n+½}."""
     now, dt, frame, before = body.now, loop.time_step, body.now.frame, body.now.elastic_before
-    drag = damper = placing = applied = None
+    drag = damper = placing = applied = loads = None
     half = 0.0
     if loop.mass_damping is not None and now.mass_damping_work is not None:
         half = 0.5 * loop.mass_damping * dt
@@ -330,6 +321,8 @@ def advance(loop: Loop, body: LaneBody, falling: LaneArray | None, *, sample: bo
         placing = Placing(frame.placing.ravel(), body.reference)
     if now.applied_force is not None and body.applied_row is not None:
         applied = Applied(body.applied_row, now.applied_force.ravel())
+    if now.loads is not None:
+        loads = Loads(now.loads.force.ravel(), now.loads.work.ravel())
     arguments = (
         body.lanes,
         *widths(body.lanes),
@@ -347,6 +340,7 @@ def advance(loop: Loop, body: LaneBody, falling: LaneArray | None, *, sample: bo
         damper,
         placing,
         applied,
+        loads,
         _flat(falling),
     )
     if sample not in body.moves:

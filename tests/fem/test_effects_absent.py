@@ -28,7 +28,7 @@ FUNCTIONS: dict[str, tuple[tuple[Any, str], ...]] = {
     "viscosity at supports": ((step, "supported_viscous_power"),),
     "finite rotation": ((block_frame, "fit"),),
     "adaptive mass damping": ((solve, "adapt"),),
-    "loads": ((step, "load_power"), (step, "load_factor"), (step, "set_applied_force")),
+    "loads": ((step, "load_factor"), (step, "set_applied_force")),
     "supports": ((step, "enforce_support"),),
 }
 GRAVITY = np.array([0.0, 0.0, -9810.0])

@@ -12,6 +12,7 @@ from fem.explicit.kernels import (
     Applied,
     Damper,
     Drag,
+    Loads,
     MovingRows,
     Placing,
     widths,
@@ -138,7 +139,7 @@ def test_update_is_one_central_difference_step():
     internal, old, u, v = (rng.standard_normal((n, 3, lanes)) for _ in range(4))
     applied_row = np.full(n, -1, dtype=np.int32)
     applied_row[5:12] = np.arange(7)
-    applied = rng.standard_normal((7, 3, lanes))
+    applied, load = rng.standard_normal((2, 7, 3, lanes))
     gravity = rng.standard_normal((3, lanes))
     dt, damping, ratio = 0.01, 30.0, 0.3
     viscous = ratio * (internal - old)
@@ -155,7 +156,7 @@ def test_update_is_one_central_difference_step():
     )
     half = 0.5 * damping * dt
     chunks = np.array([0, 4, 17, 30])
-    kinetic, dissipated, work = np.zeros((3, lanes)), np.ones((3, 2, lanes)), np.ones((3, 2, lanes))
+    kinetic, (dissipated, work, pushed) = np.zeros((3, lanes)), np.ones((3, 3, 2, lanes))
     new_u, new_v = u.copy(), v.copy()
     SERIAL.update(
         lanes,
@@ -167,6 +168,7 @@ def test_update_is_one_central_difference_step():
         Damper(ratio, old.ravel(), work.ravel()),
         None,
         Applied(applied_row, applied.ravel()),
+        Loads(load.ravel(), pushed.ravel()),
         gravity.ravel(),
     )
     # A handful of roundings of numbers below 10.
@@ -185,6 +187,10 @@ def test_update_is_one_central_difference_step():
     np.testing.assert_allclose(work[:, 0].sum(axis=0), 3 + done, rtol=0, atol=90 * tolerance)
     after = 0.5 * (viscous * new_v).sum(axis=(0, 1))
     np.testing.assert_allclose(work[:, 1].sum(axis=0), after, rtol=0, atol=90 * tolerance)
+    done = dt * (load * mean[5:12]).sum(axis=(0, 1))
+    np.testing.assert_allclose(pushed[:, 0].sum(axis=0), 3 + done, rtol=0, atol=90 * tolerance)
+    after = 0.5 * dt * (load * new_v[5:12]).sum(axis=(0, 1))
+    np.testing.assert_allclose(pushed[:, 1].sum(axis=0), after, rtol=0, atol=90 * tolerance)
 
 
 def scattered(rng: np.random.Generator) -> np.ndarray:
@@ -352,7 +358,7 @@ def test_block_frames_are_their_plain_statements(n_copies):
     def velocity(inner, turned):
         moved, v = np.zeros_like(f), np.zeros_like(f)
         motion = MovingRows(mass, inner.ravel(), moved.ravel(), v.ravel(), 1.0, 1.0)
-        effects = (None, None, None, turned, None, None)
+        effects = (None, None, None, turned, None, None, None)
         SERIAL.update(lanes, *widths(lanes), rows.chunks, motion, *effects)
         return v
 

@@ -90,6 +90,16 @@ class Applied(NamedTuple):
     """Flat (n_applied, 3, lanes) [N]."""
 
 
+class Loads(NamedTuple):
+    """Loads among what is applied, for their work."""
+
+    force: LaneArray
+    """Flat (n_applied, 3, lanes) [N]."""
+    work: LaneArray
+    """Flat (n_chunks, 2, ≥ lanes) [N mm]: [:, 0] grows by the work ½ Δt f · (v₋ + v₊), [:, 1] is
+    overwritten with ½ Δt f · v₊, the half of it after the time of the force."""
+
+
 def _update_lanes(width: int) -> Callable[..., None]:
     """Make the motion of a chunk of rows, ``width`` copies at a time."""
     load_triple = triple_operations(width).load
@@ -102,7 +112,7 @@ def _update_lanes(width: int) -> Callable[..., None]:
         add_to(sums, at + lanes, dot(half, after))
 
     @njit(**OPTIONS)
-    def run(c, lanes, chunks, motion, kinetic, drag, damper, placing, applied, gravity):
+    def run(c, lanes, chunks, motion, kinetic, drag, damper, placing, applied, loads, gravity):
         mass, internal_force, displacement, velocity, time_step, gain = motion
         if kinetic is not None:
             kinetic[c * lanes : (c + 1) * lanes] = 0.0
@@ -116,6 +126,10 @@ def _update_lanes(width: int) -> Callable[..., None]:
             viscous_work[(2 * c + 1) * work_lanes : (2 * c + 2) * work_lanes] = 0.0
         if applied is not None:
             applied_row, applied_force = applied
+        if loads is not None:
+            load, load_work = loads
+            load_lanes = len(load_work) // (2 * len(chunks) - 2)
+            load_work[(2 * c + 1) * load_lanes : (2 * c + 2) * load_lanes] = 0.0
         if placing is not None:
             frame, reference = placing
         for i in range(chunks[c], chunks[c + 1]):
@@ -148,6 +162,8 @@ def _update_lanes(width: int) -> Callable[..., None]:
                     earlier = load_triple(velocity, at, lanes)
                 if drag is not None:
                     slower = load_triple(velocity, at, lanes)
+                if loads is not None:
+                    unpushed = load_triple(velocity, at, lanes)
                 store_triple(velocity, at, lanes, after)
                 moved = plus(load_triple(displacement, at, lanes), times(time_step, after))
                 store_triple(displacement, at, lanes, moved)
@@ -166,6 +182,13 @@ def _update_lanes(width: int) -> Callable[..., None]:
                     half = times(0.5 * loss * mass[i], plus(slower, later))
                     here = 2 * c * lost_lanes + first
                     add_work(dissipated, here, lost_lanes, half, slower, later)
+                if loads is not None:
+                    if pushed >= 0:
+                        push = load_triple(load, 3 * pushed * lanes + first, lanes)
+                        later = load_triple(velocity, at, lanes)
+                        here = 2 * c * load_lanes + first
+                        half = times(0.5 * time_step, push)
+                        add_work(load_work, here, load_lanes, half, unpushed, later)
 
     return run
 
@@ -174,7 +197,9 @@ _update_4, _update_1 = _update_lanes(4), _update_lanes(1)
 
 
 @serial_and_parallel
-def update(lanes, fours, ones, chunks, motion, kinetic, drag, damper, placing, applied, gravity):
+def update(
+    lanes, fours, ones, chunks, motion, kinetic, drag, damper, placing, applied, loads, gravity
+):
     """Advance velocity to the next half step and displacement to the next step, in place.
 
     v ← keep · v + gain (f_applied - f_internal) / m + gain · g,   u ← u + Δt v.
@@ -191,17 +216,21 @@ def update(lanes, fours, ones, chunks, motion, kinetic, drag, damper, placing, a
         `MovingRows`.
     kinetic
         None, or flat (n_chunks, lanes): partial sums of ½ m v₋ · v₊, overwritten.
-    drag, damper, placing, applied
-        None, or `Drag`, `Damper`, `Placing` and `Applied`.
+    drag, damper, placing, applied, loads
+        None, or `Drag`, `Damper`, `Placing`, `Applied` and `Loads`.
     gravity
         None, or a uniform acceleration, flat (3, lanes) [mm/s²].
     """
     for c in prange(len(chunks) - 1):
         k = np.int64(c)
         if fours is not None:
-            _update_4(k, lanes, chunks, motion, kinetic, drag, damper, placing, applied, gravity)
+            _update_4(
+                k, lanes, chunks, motion, kinetic, drag, damper, placing, applied, loads, gravity
+            )
         if ones is not None:
-            _update_1(k, lanes, chunks, motion, kinetic, drag, damper, placing, applied, gravity)
+            _update_1(
+                k, lanes, chunks, motion, kinetic, drag, damper, placing, applied, loads, gravity
+            )
 
 
 @njit(cache=True, **OPTIONS)

@@ -25,7 +25,7 @@ from fem.explicit.step import Loop
 from geometry.errors import RefusedError, unreadable
 from geometry.machine.system import stop_signals
 
-FORMAT = 4
+FORMAT = 5
 
 Contents = dict[str, np.ndarray[Any, Any]]
 

@@ -86,7 +86,10 @@ def energies(loop: Loop) -> Energies:
         hourglass_energy=sum(hourglass_energy(loop, body) for body in loop.bodies),
         contact_energy=sum(i.energy() for i in loop.interactions),
         external_work=sum(
-            body.now.external_work.now + body.now.support_work.now + gravity_work(loop, body)
+            body.now.external_work.now
+            + body.now.support_work.now
+            + _load_work(body.now)
+            + gravity_work(loop, body)
             for body in loop.bodies
         ),
         mass_damping_dissipation=sum(_mass_damping(now) for now in states),
@@ -96,6 +99,11 @@ def energies(loop: Loop) -> Energies:
         ),
         frictional_dissipation=sum(i.dissipation() for i in loop.interactions),
     )
+
+
+def _load_work(now: BodyState) -> float:
+    loads = now.loads
+    return 0.0 if loads is None else float(loads.work[:, 0].sum() - loads.work[:, 1].sum())
 
 
 def _mass_damping(now: BodyState) -> float:
