@@ -4,6 +4,10 @@ One core, the least of several times. An explicit step has the roofline of the o
 of an element, counted with the rates of a large product and of a sum in the cache (Williams,
 Waterman and Patterson, CACM 52 (2009) 65). The condensation of a block has the rate of the product.
 The start of the program has the time of Python with numpy and scipy.
+
+Two threads are timed in turn with one. What the machine gives them stands beside it: the gain of a
+loop that shares nothing, and what it takes to write a cache line that the other core has read, as
+in every step where blocks touch. Cores without a common cache take four times as long for it.
 """
 
 from __future__ import annotations
@@ -15,6 +19,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 
+import numba
 import numpy as np
 
 from fem.explicit.setup.timed_system import timed_system
@@ -28,8 +33,9 @@ from geometry.machine.system import children_cpu_seconds
 from geometry.machine.work import Operation, budget
 from validation import load_case
 
-#: Blocks of 960 elements, pressed from within; blocks of degree 3.
-EXPLICIT = {"assembly.layers": 1, "mesh.around": 24, "mesh.radial": 4, "mesh.axial": 10}
+#: Blocks of 960 elements, pressed from within, of one layer and of many; blocks of degree 3.
+LAYERS = 1, 12
+EXPLICIT = {"mesh.around": 24, "mesh.radial": 4, "mesh.axial": 10}
 DENSE = {"assembly.layers": 1, "mesh.around": 12, "mesh.radial": 2, "mesh.axial": 4}
 RIGID = ("mbd", "tsb1-pipe", "--json", "-")
 #: Steps before the clock starts: blocks press by then.
@@ -45,6 +51,47 @@ def least(call: Callable[[], object], clock: Callable[[], float], repeats: int =
             call()
         times.append(clock() - start)
     return min(times) / repeats
+
+
+def gain(one: Callable[[], object], two: Callable[[], object]) -> str:
+    """Least time of the first call by that of the second, by the clock, and half of the turns."""
+    times = np.empty((200, 2))
+    for turn in times:
+        for k, call in enumerate((one, two)):
+            start = time.perf_counter()
+            for _ in range(10):
+                call()
+            turn[k] = time.perf_counter() - start
+    low, high = np.quantile(times[:, 0] / times[:, 1], (0.25, 0.75))
+    least_one, least_two = times.min(axis=0)
+    return f"{least_one / least_two:.2f} ({low:.2f} to {high:.2f})"
+
+
+@numba.njit(parallel=True)
+def grow_and_read(numbers, sums, away, operations):  # type: ignore[no-untyped-def]
+    """Each of two threads writes a half of the numbers, then reads it or, ``away``, the other."""
+    for thread in numba.prange(2):
+        for k in range(numbers.shape[1]):
+            value = numbers[thread, k]
+            for _ in range(operations):
+                value = 0.5 * value + 1.0
+            numbers[thread, k] = value
+    for thread in numba.prange(2):
+        sums[thread] = numbers[(thread + away) % 2].sum()
+
+
+def plain_threads() -> tuple[str, float]:
+    """`gain` of a second thread in a plain loop; time to write a line that the other read [s]."""
+    lines = 1000
+    numbers, sums = np.ones((2, 8 * lines)), np.empty(2)
+
+    def call(threads: int = 2, away: int = 0, operations: int = 1) -> None:
+        numba.set_num_threads(threads)
+        grow_and_read(numbers, sums, away, operations)
+
+    near, far = (least(partial(call, away=away), time.perf_counter, 50) for away in (0, 1))
+    one, two = (partial(call, threads, operations=16) for threads in (1, 2))
+    return gain(one, two), (far - near) / lines
 
 
 def machine() -> tuple[float, float]:
@@ -64,15 +111,25 @@ def roofline(body: Body, adds: float, stream: float) -> float:
     return body.mesh.n_elements * min(adds / count, stream / size)
 
 
-def explicit_rate(model: TimedSystem, threads: int) -> float:
-    """Element updates a second of a damped run in motion, those of two threads by the clock."""
-    dt = 0.9 * model.critical.critical_time_step
-    loop = prepare(model, time_step=dt, threads=threads)
+def pressed(layers: int) -> TimedSystem:
+    """Blocks in contact."""
+    damped = Effects(adaptive_mass_damping=AdaptiveMassDamping(interval=50))
+    blocks = load_case("tsb1-pipe", EXPLICIT | {"assembly.layers": layers}).problem.system
+    return timed_system(blocks, ramp_time=0.0, counted_pressure=4.0, effects=damped)
+
+
+def in_motion(model: TimedSystem, threads: int = 1) -> Callable[[], None]:
+    """One more step of a damped run."""
+    loop = prepare(model, time_step=0.9 * model.critical.critical_time_step, threads=threads)
     loop.mass_damping = 2000.0
     for _ in range(WARM_UP):
         step(loop)
-    clock = time.process_time if threads == 1 else time.perf_counter
-    return model.n_elements / least(partial(step, loop), clock, 50)
+    return partial(step, loop)
+
+
+def explicit_rate(model: TimedSystem) -> float:
+    """Element updates a second."""
+    return model.n_elements / least(in_motion(model), time.process_time, 50)
 
 
 def condensation_rate() -> float:
@@ -95,17 +152,22 @@ def main() -> None:
     """Print the table."""
     adds, stream = machine()
     print(f"One core: {2e-9 * adds:.0f} GF/s of a product, {1e-9 * stream:.0f} GB/s from the cache")
-    damped = Effects(adaptive_mass_damping=AdaptiveMassDamping(interval=50))
-    blocks = load_case("tsb1-pipe", EXPLICIT).problem.system
-    touching = timed_system(blocks, ramp_time=0.0, counted_pressure=4.0, effects=damped)
+    touching = pressed(LAYERS[0])
+    blocks = touching.system.whole
     none = blocks.surfaces.subset(np.empty(0, np.int64))
     apart = replace(touching, system=replace(blocks, surfaces=none).computed)
     limit = roofline(blocks.bodies[0], adds, stream)
-    alone, both = explicit_rate(apart, 1), explicit_rate(touching, 1)
+    alone, both = explicit_rate(apart), explicit_rate(touching)
     for title, rate in (("without contact", alone), ("with contact", both)):
         print(f"explicit step {title}: {1e-6 * rate:.1f} M updates/s, {rate / limit:.2f} of limit")
+    print(f"  with contact {alone / both:.2f} times the time without")
+    for layers in LAYERS:
+        model = pressed(layers)
+        times = gain(in_motion(model), in_motion(model, threads=2))
+        print(f"  two threads, {model.n_elements} elements: {times} times as fast as one")
+    times, line = plain_threads()
     print(
-        f"  contact: {alone / both:.2f} times; two threads: {explicit_rate(touching, 2) / both:.2f}"
+        f"    a plain loop {times}; to write a line that the other read takes {1e9 * line:.0f} ns"
     )
     rate = condensation_rate()
     print(f"condensation: {2e-9 * rate:.1f} GF/s, {rate / adds:.2f} of limit")

@@ -1,6 +1,7 @@
 """Explicit contact: kernel against its plain twin, balances, symmetry, agreement with statics."""
 
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -10,6 +11,7 @@ from fem.contact.friction import Coulomb
 from fem.contact.normals import ContactNormals
 from fem.element.functions import FACET_SLOPES, FACET_VALUES
 from fem.explicit.body import world_vectors
+from fem.explicit.contact.paired import shared_out
 from fem.explicit.damping import applied_forces
 from fem.explicit.setup.timed_system import timed_system
 from fem.explicit.start import prepare
@@ -169,6 +171,19 @@ def test_friction_agrees_with_the_plain_law():
     found, _ = kernel_forces(statement, before, then=after)
     size = np.abs(force).max()
     assert np.abs(found[0] - expected[0]).max() < 1e-3 * size
+
+
+@pytest.mark.parametrize("threads", [1, 2, 5, 40])
+def test_threads_share_all_units_by_their_work_and_where_they_are(threads):
+    rng = np.random.default_rng(7)
+    work, place = rng.integers(1, 20, 30), rng.random(30)
+    order, shares = shared_out(work, place, threads)
+    np.testing.assert_array_equal(np.sort(order), np.arange(30))
+    assert (np.diff(place[order]) >= 0.0).all()
+    assert (shares[0], shares[-1], len(shares)) == (0, 30, threads + 1)
+    done = [work[order[a:b]].sum() for a, b in pairwise(shares)]
+    # A boundary is off by half a unit at most.
+    assert np.abs(np.array(done) - work.sum() / threads).max() <= work.max()
 
 
 def test_two_threads_give_the_same_bits():

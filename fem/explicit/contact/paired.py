@@ -202,10 +202,14 @@ def _unit_arrays(pairs: tuple[AlikePairs, ...], bodies: tuple[LaneBody, ...]) ->
             lane += width
             node_scalar += 3 * width * len(result.nodes)
             point_scalar += 4 * width * result.n_facets
+    kinds = [kind for kind, *_ in units]
     facets = [width * pairs[kind].n_facets for kind, width, *_ in units]
+    places = [_place(p, rows, bodies) for p, (rows, _, _) in zip(pairs, ordered, strict=True)]
+    order, shares = shared_out(np.array(facets), np.array(places)[kinds], numba.get_num_threads())
     return UnitArrays(
         units=np.array(units, dtype=np.int64).reshape(-1, 8),
-        order=_shared_out(np.array(facets), numba.get_num_threads()),
+        order=order,
+        shares=shares,
         alike=alike,
         rows=np.concatenate([rows for rows, _, _ in ordered]),
         offset=np.concatenate([f.offset[o] for f, (_, o, _) in zip(pairs, ordered, strict=True)]),
@@ -219,12 +223,22 @@ def _unit_arrays(pairs: tuple[AlikePairs, ...], bodies: tuple[LaneBody, ...]) ->
     )
 
 
-def _shared_out(work: IntArray, threads: int) -> IntArray:
-    """Order in which threads that take units in turn have about the same work, (n_units,)."""
-    order = np.argsort(-work, kind="stable")
-    for first in range(threads, len(order), 2 * threads):
-        order[first : first + threads] = order[first : first + threads][::-1]
-    return order
+def _place(pairs: AlikePairs, rows: IntArray, bodies: tuple[LaneBody, ...]) -> float:
+    """Where in their bodies the rows of alike pairs are on average, from 0 to 1."""
+    place = rows / [bodies[max(body, 0)].n_rows for body in pairs.bodies]
+    return float(place[rows >= 0].mean())
+
+
+def shared_out(work: IntArray, place: FloatArray, threads: int) -> tuple[IntArray, IntArray]:
+    """Order of the units and where each thread begins, (n_threads + 1,), with about the same work.
+
+    Threads move the rows of a body in its order too: a unit is for the thread that moves most of
+    its rows. To write what another core has read takes long.
+    """
+    order = np.argsort(place, kind="stable")
+    done = np.cumsum(work[order]) - 0.5 * work[order]
+    shares = np.searchsorted(done, np.linspace(0.0, work.sum(), threads + 1))
+    return order, shares.astype(np.int64)
 
 
 def _compiled_widths(data: UnitArrays) -> tuple[int | None, int | None, int | None]:

@@ -75,7 +75,9 @@ class UnitArrays(NamedTuple):
     arrays, first scalar of its point arrays, first copy of master and of opposing block where
     copies follow each other, else -1; (n_units, 8)."""
     order: IntArray
-    """Units in the order in which threads take them in turn, (n_units,)."""
+    """Units in the order of the rows that they touch, (n_units,)."""
+    shares: IntArray
+    """First place of each thread in this order, (n_threads + 1,)."""
     alike: IntArray
     """For each kind of alike pairs: first node pair, first facet, body of master and of
     opposing block (0 for rigid ones); one more row with the totals, (n_kinds + 1, 4)."""
@@ -509,12 +511,9 @@ def _unit(unit, thread, data, displacements, work, law, normals, rubbing, wide, 
 
 
 @njit(**OPTIONS)
-def _units_of(thread, threads, data, *arguments):
-    """Every unit whose turn it is; a range, whose step might be zero, could raise."""
-    turn = thread
-    while turn < len(data.order):
-        _unit(data.order[turn], thread, data, *arguments)
-        turn += threads
+def _units_of(thread, data, *arguments):
+    for place in range(data.shares[thread], data.shares[thread + 1]):
+        _unit(data.order[place], thread, data, *arguments)
 
 
 @serial_and_parallel
@@ -537,11 +536,9 @@ def contact_forces(data, displacements, work, law, normals, rubbing, wide, four,
         None where no unit is `REGISTER_DOUBLES`, 4 or 1 wide: its loops are not compiled, a third
         of all.
     """
-    threads = len(work.scratch)
     widths = (wide, four, one)
-    for thread in prange(threads):
-        at = np.int64(thread)
-        _units_of(at, threads, data, displacements, work, law, normals, rubbing, *widths)
+    for thread in prange(len(work.scratch)):
+        _units_of(np.int64(thread), data, displacements, work, law, normals, rubbing, *widths)
 
 
 class Collection(NamedTuple):
