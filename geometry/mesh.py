@@ -80,6 +80,8 @@ _NEIGHBOURS = (
 )
 
 
+#: Elements of which numbers at all points stay in the cache: several times as fast as all at once.
+_IN_CACHE = 1024
 #: Volumes of larger bodies overflow [mm].
 LARGEST_COORDINATE = 1e100
 
@@ -269,16 +271,16 @@ def gauss_points(order: int = 2) -> tuple[FloatArray, FloatArray]:
 
 def jacobians(mesh: HexMesh, natural: FloatArray) -> FloatArray:
     """Determinants of dx/d(r, s, t): (n_elements, n_points) [mm³]."""
-    gradient = shape_gradients(natural)
-    (a, b, c), (d, e, f), (g, h, k) = (_interpolated(mesh, gradient[:, :, j]) for j in range(3))
-    # The determinant as a triple product is several times faster than n small factorisations.
-    determinant = a * (e * k - f * h) + b * (f * g - d * k) + c * (d * h - e * g)
-    return np.ascontiguousarray(determinant.T)
-
-
-def _interpolated(mesh: HexMesh, values: FloatArray) -> FloatArray:
-    """Sum of values (n_points, 8) times corners of every element: (3, n_points, n_elements)."""
-    return np.matmul(values, _corners(mesh))
+    gradient, corners = shape_gradients(natural), _corners(mesh)
+    result = np.empty((mesh.n_elements, len(natural)))
+    for first in range(0, mesh.n_elements, _IN_CACHE):
+        few = corners[:, :, first : first + _IN_CACHE]
+        (a, b, c), (d, e, f), (g, h, k) = (gradient[:, :, j] @ few for j in range(3))
+        # As a triple product: several times faster than n small factorisations.
+        result[first : first + _IN_CACHE] = (
+            a * (e * k - f * h) + b * (f * g - d * k) + c * (d * h - e * g)
+        ).T
+    return result
 
 
 def _corners(mesh: HexMesh) -> FloatArray:
@@ -342,7 +344,7 @@ def volume_and_centroid(mesh: HexMesh) -> tuple[float, FloatArray]:
     """
     points, weights = gauss_points(2)
     dv = (jacobians(mesh, points) * weights).T
-    x = _interpolated(mesh, shape_values(points))
+    x = shape_values(points) @ _corners(mesh)
     volume = float(dv.sum())
     # About a point of the body, not the origin: no cancellation far away from it.
     inside = mesh.nodes[0]
