@@ -19,13 +19,16 @@ from numpy.polynomial import legendre
 from geometry.mesh import FloatArray, IntArray, ReadOnlyArrays, grid_points
 
 
+@cache
 def lobatto_points(degree: int) -> FloatArray:
-    """Gauss-Lobatto points on [-1, 1], (degree + 1,)."""
+    """Gauss-Lobatto points on [-1, 1], (degree + 1,), read-only."""
     # The inner ones are the roots of P'_n, which is a Jacobi polynomial (1, 1) of degree n - 1.
     from scipy.special import roots_jacobi
 
     inner = roots_jacobi(degree - 1, 1, 1)[0] if degree > 1 else np.empty(0)
-    return np.concatenate([[-1.0], inner, [1.0]])
+    points = np.concatenate([[-1.0], inner, [1.0]])
+    points.flags.writeable = False
+    return points
 
 
 def line_basis(degree: int, x: FloatArray) -> tuple[FloatArray, FloatArray]:
