@@ -311,7 +311,10 @@ def _steepest(shape: Block, face: str, axis: FloatArray, samples: _Samples) -> f
     def steepness(vectors: FloatArray) -> FloatArray:
         return lengths(cross(unit_vectors(vectors), mean))
 
-    steep = np.argsort(-steepness(vectors).max(axis=1), kind="stable")[:_STEEP]
+    steepest = steepness(vectors).max(axis=1)
+    if steepest.max() <= _FLAT:
+        return 0.0
+    steep = np.argsort(-steepest, kind="stable")[:_STEEP]
     looked = np.linspace(-1.0, 1.0, _LOOKED)
     places = _square(looked, looked)[None]
     sines = steepness(_vectors(samples.exact(shape, quads[steep]), places))
@@ -322,8 +325,7 @@ def _steepest(shape: Block, face: str, axis: FloatArray, samples: _Samples) -> f
         near = np.clip(at + half * _square(looked, looked), -1.0, 1.0)[None]
         sines = steepness(_vectors(one, near))
         at, half = near[0, sines[0].argmax()], half * (looked[1] - looked[0])
-    largest = float(sines.max())
-    return float(np.degrees(np.arcsin(min(largest, 1.0)))) if largest > _FLAT else 0.0
+    return float(np.degrees(np.arcsin(min(sines.max(), 1.0))))
 
 
 # ---------------------------------------------------------------------------------------------
