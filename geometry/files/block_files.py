@@ -398,7 +398,7 @@ class _Solid:
 
 
 def read_blocks(
-    path: Path,
+    path: str | Path,
     *,
     units: str = "mm",
     element_size: float | None = None,
@@ -436,7 +436,7 @@ def read_blocks(
     """
     if not isinstance(repair, bool):
         raise MeshError(f"repair: got {repair!r}; expected True or False")
-    solids, straightened = _solids(path, units, element_size, repair=repair)
+    solids, straightened = _solids(Path(path), units, element_size, repair=repair)
     names = [solid.given_name for solid in solids]
     out = {k for one in leave_out for k in numbers_of("parts.leave_out", one, names)}
     if len(out) == len(solids):

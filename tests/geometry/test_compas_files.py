@@ -128,6 +128,24 @@ def test_a_box_stands_in_its_frame(tmp_path: Path) -> None:
     np.testing.assert_allclose(np.ptp(box.points, axis=0), [2.0, 1.0, 3.0], atol=1e-12)
 
 
+def test_coordinates_that_a_vertex_leaves_out_are_those_of_its_mesh(tmp_path: Path) -> None:
+    raised = mesh() | {"default_vertex_attributes": {"x": 0.0, "y": 0.0, "z": -3.0}}
+    for vertex in raised["vertex"].values():
+        if vertex["z"] == 0.0:
+            del vertex["z"]
+    (block,) = read_blocks(str(written(tmp_path, typed("Mesh", **raised))))
+    np.testing.assert_allclose(block.centroid, [0.5, 0.5, -1.0], atol=1e-12)
+    assert block.volume == pytest.approx(4.0, rel=1e-12)
+
+
+def test_the_y_axis_of_a_frame_is_turned_square_to_its_x_axis(tmp_path: Path) -> None:
+    """As in `compas.geometry.Frame`: the box was skewed, and smaller than it is."""
+    skew = _TURNED | {"yaxis": [2.0, 0.5, 0.0]}
+    (box,) = read_blocks(written(tmp_path, typed("Box", frame=skew, **_BOX)))
+    np.testing.assert_allclose(np.ptp(box.points, axis=0), [2.0, 1.0, 3.0], atol=1e-12)
+    assert box.volume == pytest.approx(6.0, rel=1e-12)
+
+
 @pytest.mark.parametrize(
     ("data", "line"),
     [

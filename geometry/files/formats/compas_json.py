@@ -180,7 +180,8 @@ def _kind(data: Mapping[str, Any]) -> str:
 
 def _mesh(data: Mapping[str, Any], above: _Above) -> NamedSurface:
     number = {key: place for place, key in enumerate(data["vertex"])}
-    points = [[float(v.get(x, 0.0)) for x in "xyz"] for v in data["vertex"].values()]
+    common = {"x": 0.0, "y": 0.0, "z": 0.0, **(data.get("default_vertex_attributes") or {})}
+    points = [[float(v.get(x, common[x])) for x in "xyz"] for v in data["vertex"].values()]
     faces = [[number[str(corner)] for corner in face] for face in data["face"].values()]
     return above.surface(points, faces)
 
@@ -190,10 +191,12 @@ def _shape(data: Mapping[str, Any], above: _Above) -> NamedSurface:
     if "vertices" in data:
         return above.surface(data["vertices"], data["faces"])
     frame = data["frame"].get("data", data["frame"])
-    x, y = (np.array(frame[axis]) / np.linalg.norm(frame[axis]) for axis in ("xaxis", "yaxis"))
+    # The y axis counts by its part across the x axis, as in `compas.geometry.Frame`.
+    z = np.cross(frame["xaxis"], frame["yaxis"])
+    axes = np.array(
+        [one / np.linalg.norm(one) for one in (frame["xaxis"], np.cross(z, frame["xaxis"]), z)]
+    )
     half = 0.5 * np.array([data[f"{axis}size"] for axis in "xyz"])
     corners = half * np.array(list(product((-1.0, 1.0), repeat=3)))
     faces = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
-    return above.surface(
-        frame["point"] + corners @ np.array([x, y, np.cross(x, y)]), map(list, faces)
-    )
+    return above.surface(frame["point"] + corners @ axes, map(list, faces))
