@@ -148,6 +148,14 @@ def test_commands_name_effects_of_time_integration() -> None:
     assert "block.height" not in data["unused_keys"]
 
 
+def test_a_study_of_the_strength_of_rigid_blocks_has_their_crushing_factor() -> None:
+    """Pressures of rigid blocks do not depend on it: the factor is proportional to it."""
+    rows = sweep("tsb1-pipe", {"material.compressive_strength": [10.0, 30.0]}, COARSE).rows
+    assert not any(row["message"] for row in rows)
+    weak, strong = (row["crushing_factor"] for row in rows)
+    assert strong == pytest.approx(3.0 * weak, rel=1e-14)
+
+
 def swept(tubelock, key: str, values: list[float]) -> tuple[int, str, str]:
     """What `tubelock sweep` says of a study of rigid blocks."""
     words = set_words(COARSE)

@@ -54,10 +54,7 @@ _RIGID_ALONE = tuple(
 )
 #: Sections and keys that a method does not have, by its name.
 _ABSENT: Mapping[str, tuple[str, ...]] = {
-    "rigid": (
-        *("fem", "effects.auto", "material.compressive_strength", "pictures.mises"),
-        *(*_ELASTIC, *_IN_TIME),
-    ),
+    "rigid": ("fem", "effects.auto", "pictures.mises", *_ELASTIC, *_IN_TIME),
     "static": ("rigid", "stages", *_IN_TIME),
     "explicit": ("rigid", "stages"),
     "compare": ("stages", *_RIGID_ALONE, *_IN_TIME),
