@@ -138,14 +138,15 @@ def _judged(
     if state.whole.supports.tables:
         return _not_found("supports move, and loads alone are scaled")
     there = [name for name in names if name in measures]
-    if not measures[there[0]].is_number:  # what others are on this mesh is no bound of it
-        return _not_found(f"{there[0]} is not resolved on this mesh")
     usable = [name for name in there if measures[name].is_number]
-    stress = _largest(measures, usable)
+    first, stress = measures[there[0]], _largest(measures, usable or there)
     largest = max(abs(m.value) for m in measures.values() if m.is_number and m.unit == "MPa")
     tension = names[0] == "sigma_1_averaged"
-    if stress.value == 0.0 or (tension and stress.value <= _ROUNDING * largest):
+    small = tension and stress.value + (stress.error or 0.0) <= _ROUNDING * largest
+    if first.resolved and (stress.value == 0.0 or small):
         return _none("none: no tension" if tension else "none: no stress")
+    if not first.is_number:  # what others are on this mesh is no bound of it
+        return _not_found(f"{there[0]} is not resolved on this mesh")
     try:
         begun = {
             f: _largest(of, usable)

@@ -70,6 +70,9 @@ def test_tension_is_round_off_beside_other_stresses_not_beside_forces() -> None:
 
     assert factor(3.0).value == pytest.approx(1.0)
     assert factor(1e-11).remark == "none: no tension"
+    wide = replace(measures["sigma_1_averaged"], value=1e-14, error=1e-12)  # of converged meshes
+    found = strength_factors(problem, state, measures | {"sigma_1_averaged": wide})
+    assert found["cracking_factor"].remark == "none: no tension"
 
 
 @pytest.mark.quick

@@ -13,7 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tests.support.coarse_tubes import keys
-from validation import InputError, optimise, sensitivity, sweep
+from validation import InputError, load_case, optimise, sensitivity, sweep
 from validation.study.optimisation.search import Search, worst_of
 from validation.study.optimisation.sensitivity import _roughness, _with_error
 from validation.study.optimisation.statement import check_optimisation
@@ -46,6 +46,31 @@ def test_the_volume_of_a_tube_has_its_elasticities_by_hand() -> None:
     thick = slopes["block.thickness"]
     assert abs(thick.elasticity - by_hand) <= 1e-4 * by_hand + thick.elasticity_error
     assert slopes["block.inner_radius"].elasticity == pytest.approx(2 * r / (2 * r + t), rel=1e-4)
+
+
+def test_a_column_under_its_weight_has_its_slopes_by_hand() -> None:
+    """u = ρ g H² / 2 E + ρ g h / k of two boxes without Poisson's ratio, H = 2 h; no tension.
+
+    Rounding alone has tension here: quotients of it were printed as an elasticity of 0.38 ± 0.24.
+    """
+    h, rho_g, young, stiffness = 100.0, 2.4e-9 * 9810.0, 33e3, 1e3
+    scene = {
+        "block": {"type": "boxes", "boxes": [{"size": [h, h, h], "divisions": [1, 1, 1]}] * 2},
+        "load": {"pressure": 0.0},
+        "material": {"density": 2.4e-9, "young_modulus": young, "poisson_ratio": 0.0},
+        "contact": {"law": "linear", "stiffness": stiffness},
+        "effects": {"gravity": [0.0, 0.0, -9810.0]},
+    }
+    result = sensitivity(load_case(scene), method="fem", parameters=["contact.stiffness"])
+    slopes = {slope.measure: slope for slope in result.slopes}
+    soft, joint = rho_g * (2 * h) ** 2 / (2 * young), rho_g * h / stiffness
+    moved = slopes["max_displacement"]
+    assert moved.elasticity_error < 1e-3
+    # The quotient of 1/k leaves out the square of its step, 1e-4.
+    error = moved.elasticity_error + 1e-4
+    assert moved.elasticity == pytest.approx(-joint / (soft + joint), abs=error)
+    assert slopes["sigma_1_averaged"].derivative is None
+    assert slopes["sigma_1_averaged"].remark == "negligible beside the largest stress"
 
 
 def test_rigid_pressures_are_proportional_to_the_load() -> None:

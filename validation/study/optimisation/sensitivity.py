@@ -19,6 +19,7 @@ from typing import Any, TypeGuard
 
 from rich.console import Console
 
+from fem.accuracy.errors import is_negligible
 from fem.method import Static
 from geometry.answer import FACTORS, Answer, Measure, title_of
 from geometry.errors import RefusedError
@@ -459,10 +460,15 @@ class _Parameter:
     def slope(self, name: str, step: float, derivative: float, error: float, remark: str) -> Slope:
         """Derivative of one measure; none where its error is larger, 0 where nothing changes.
 
-        A measure that jumps has an infinite error.
+        A measure that jumps has an infinite error. A stress that is negligible with its bar has no
+        derivative: its changes are those of rounding and of the mesh.
         """
         of = self.base[-1][name]
         known = (self.path, self.value, self.unit, float(step), name, of.value, of.unit)
+        if is_negligible(self.base[-1], name):
+            return Slope(
+                *known, None, abs(derivative) + error, "negligible beside the largest stress"
+            )
         if max(abs(derivative), error) <= _NOTHING * abs(of.value) / step:
             return Slope(*known, 0.0, 0.0, "no change")
         if error <= abs(derivative):
