@@ -26,6 +26,7 @@ from fem.answer.measures import (
     quasi_static,
     reached,
     slip,
+    turned_within,
     unrestrained_blocks,
 )
 from fem.answer.pressures import cap_action
@@ -192,7 +193,7 @@ def report_of(
     ``sought``: whether finite sliding is stated, so that contact is searched for whatever the mesh.
     """
     result = state.whole
-    large = large_motion(state)
+    large, turned = large_motion(state), turned_within(state)
     least, largest = nodal_stress_range(state)
     if result.meets:
         contact = contact_report(state, facets) | {"contact_search": _search_words(state, sought)}
@@ -206,6 +207,7 @@ def report_of(
         "principal_stress": {"max": float(largest), "min": float(least)},
         "assumptions": assumptions(state),
         **({"large_motion": large} if large else {}),
+        **({"turned_within_blocks": turned} if turned else {}),
         **contact,
         **_support_report(state),
         **_static_report(state),
@@ -223,7 +225,11 @@ def _search_words(state: State, sought: bool) -> str:
 def assumptions(state: State) -> list[str]:
     """What is taken for granted of blocks and joints, in words."""
     whole = state.whole
-    turned = "rotations of any size" if state.finite_rotation else "small rotations"
+    turned = (
+        "rotations of any size of whole blocks, small ones within"
+        if state.finite_rotation
+        else "small rotations"
+    )
     words = [f"linear elastic blocks, small strains, {turned}"]
     if whole.meets:
         contact = whole.contact

@@ -27,7 +27,13 @@ from fem.answer.pressures import (
     pressure_between_nodes,
 )
 from fem.state import State, once
-from fem.stresses.recovery import Peak, nearest_face, stress_peaks
+from fem.stresses.recovery import (
+    Peak,
+    block_displacements,
+    nearest_face,
+    nodal_stress_range,
+    stress_peaks,
+)
 from fem.system.contact_state import corner_displacements
 from fem.system.loose import loose_blocks
 from fem.system.reactions import PushCurve
@@ -334,6 +340,28 @@ def largest_turn(state: State) -> float:
 def turns_as_small(state: State) -> bool:
     """Whether a block turns by an angle that is not small, and it is counted as if it were."""
     return not state.finite_rotation and largest_turn(state) > _FAR
+
+
+def turned_within(state: State) -> float | None:
+    """Largest angle by which an element turns in the frame of its block [rad], finite rotations.
+
+    None where its square is no strain beside those of the stresses: a frame takes away the rotation
+    of its block, and what elements turn beyond it by θ counts as a strain of θ²/2.
+    """
+    if not state.finite_rotation:
+        return None
+    largest, apparent = 0.0, 0.0
+    for body, moved in zip(state.whole.bodies, state.displacements, strict=True):
+        local, _ = block_displacements(body, moved, finite_rotation=True)
+        arms = body.mesh.nodes[body.mesh.elements]
+        inverse = np.linalg.pinv(arms - arms.mean(axis=1, keepdims=True))
+        gradients = np.einsum("eia,ceaj->ceji", inverse, local[:, body.mesh.elements])
+        spins = 0.5 * (gradients - gradients.swapaxes(2, 3))
+        turn = float(np.linalg.norm(spins, axis=(2, 3)).max(initial=0.0)) / np.sqrt(2.0)
+        largest = max(largest, turn)
+        apparent = max(apparent, 0.5 * body.material.young_modulus * turn**2)
+    stress = max(map(abs, nodal_stress_range(state)))
+    return largest if apparent > _FAR * stress else None
 
 
 def large_motion(state: State) -> float | None:

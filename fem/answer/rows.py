@@ -12,6 +12,7 @@ from fem.answer.measures import (
     quasi_static,
     reached,
     slip,
+    turned_within,
     turns_as_small,
     unrestrained_blocks,
 )
@@ -87,6 +88,12 @@ def _verdict_rows(state: State) -> list[Row]:
             f"those of small motions: expect errors of this order; set {missing}"
         )
         rows.append(Row("large motion", words, share))
+    if (turn := turned_within(state)) is not None:
+        words = (
+            f"elements turn by up to {turn:.2g} rad against their block, and whole blocks alone "
+            "turn without strain: displacements and stresses are wrong for blocks that bend so far"
+        )
+        rows.append(Row("large rotation within a block", words, turn, "rad"))
     if loose := unrestrained_blocks(state).tolist():
         words = (
             f"{', '.join(map(str, loose))}: no contact holds them in every direction. Pressures "
