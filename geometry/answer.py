@@ -151,7 +151,7 @@ TITLES = {
     "sigma_1_averaged": Title(
         "max. principal stress, averaged",
         "MPa",
-        "over a sphere of radius {averaging_radius:g} mm; ",
+        "over {averaged_over}; ",
     ),
     "max_displacement": Title("largest displacement", "mm"),
     "sigma_1_max": Title("max. principal stress σ₁ at a point", "MPa"),

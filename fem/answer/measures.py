@@ -14,7 +14,7 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import replace
 from functools import cache
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -137,6 +137,7 @@ def _stresses(state: State) -> dict[str, Callable[[], Measure]]:
             state,
             stress_peaks(state).sigma_1_averaged,
             averaging_radius=stress_peaks(state).averaging_radius,
+            averaged_over=stress_peaks(state).averaged_over,
         ),
     }
 
@@ -248,7 +249,7 @@ def _interfaces_of(assembly: Assembly, pressures: FloatArray) -> dict[str, Calla
     return values | interface_contacts(assembly, index)
 
 
-def _measure(state: State, peak: Peak, unit: str = "MPa", **beside: float) -> Measure:
+def _measure(state: State, peak: Peak, unit: str = "MPa", **beside: Any) -> Measure:
     """Value and place of a peak, and what stands beside the place."""
     where = place(state.whole.assembly, peak.blocks, peak.position, peak.face)
     return Measure(peak.value, unit, place=where | beside, resolved=peak.resolved)

@@ -21,7 +21,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from fem.element.functions import TensorPoints, tensor_points
-from fem.element.hexahedron import at_corners
+from fem.element.hexahedron import at_corners, point_volumes
 from fem.element.kinds import integration_points
 from fem.element.material import (
     invariants,
@@ -224,6 +224,8 @@ class StressPeaks:
     """Largest first principal stress of the stress averaged over a ball; the ball's centre."""
     averaging_radius: float
     """Radius of that ball [mm]."""
+    averaged_over: str
+    """The ball in words; the element in its middle where that is larger and of degree 1."""
     sigma_1_at_corners: float
     """Largest first principal stress at a corner of an element, continued from its own integration
     points: what those may hide [MPa]."""
@@ -244,6 +246,7 @@ def stress_peaks(state: State) -> StressPeaks:
         mises=_largest([f.mises for f in result]),
         sigma_1_averaged=averaged.sigma_1_averaged,
         averaging_radius=averaged.averaging_radius,
+        averaged_over=averaged.averaged_over,
         sigma_1_at_corners=max(f.sigma_1_at_corners for f in result),
         sigma_3_at_corners=min(f.sigma_3_at_corners for f in result),
         mises_at_corners=max(f.mises_at_corners for f in result),
@@ -280,6 +283,7 @@ def _largest(peaks: list[Peak], sign: float = 1.0) -> Peak:
 def _group_peaks(system: System, body: Body, blocks: IntArray, local: FloatArray) -> StressPeaks:
     """Of blocks of one body, from displacements in their frames (n_blocks, n_nodes, 3) [mm]."""
     radius = body.material.averaging_radius
+    averaged_over = f"a sphere of radius {radius:g} mm"
     linear, stress = body.element.degree == 1, body.point_stress(local)
     points = integration_points(body.mesh, body.element)
     per_element = len(points) // body.mesh.n_elements
@@ -302,6 +306,9 @@ def _group_peaks(system: System, body: Body, blocks: IntArray, local: FloatArray
     if linear:
         centres, means = means_at_elements(body, stress, radius)
         averaged = peak(largest_tension(means), centres)
+        volumes = point_volumes(body.mesh.nodes[body.mesh.elements]).sum(axis=1)
+        if volumes.min() > 4.0 / 3.0 * np.pi * radius**3:
+            averaged_over = f"an element, larger than {averaged_over}"
         at_corners = _corner_extremes(body, stress)
     else:  # points hide nothing towards corners, where polynomials overshoot
         of_ball, at_cells = averaged_tension(moved_bodies(body, local), radius)
@@ -309,7 +316,7 @@ def _group_peaks(system: System, body: Body, blocks: IntArray, local: FloatArray
         if first.value < averaged.value:  # of a large element they are far from its ends
             first = placed(at_cells.value, at_cells.layer - 1, at_cells.position)
         at_corners = first.value, third.value, mises.value
-    return StressPeaks(first, third, mises, averaged, radius, *at_corners)
+    return StressPeaks(first, third, mises, averaged, radius, averaged_over, *at_corners)
 
 
 def _corner_extremes(body: Body, stress: FloatArray) -> tuple[float, float, float]:

@@ -133,6 +133,14 @@ def test_effects_with_all_their_defaults_are_named_by_methods_without_them() -> 
     assert use.ignored == "effects.auto"
 
 
+@pytest.mark.quick
+@pytest.mark.parametrize("key", ["material.tensile_strength", "material.compressive_strength"])
+def test_strengths_are_named_by_explicit_runs_which_have_no_load_factors(key: str) -> None:
+    case = load_case("column", {key: 3.0})
+    assert case.key_use("explicit").ignored == key
+    assert not case.key_use("static").ignored
+
+
 @pytest.mark.parametrize("name", builtin_names())
 def test_nothing_is_said_to_be_ignored_of_built_in_scenes(name: str) -> None:
     case = load_case(name)

@@ -26,6 +26,7 @@ from tests.support.fem_problems import (
     distorted_box,
     static_displacement,
 )
+from validation import load_case, solve
 
 every_element = pytest.mark.parametrize("element", list(ElementType), ids=lambda e: e.value)
 
@@ -159,3 +160,17 @@ def test_displacement_of_another_mesh_is_refused() -> None:
         point_stress(mesh, CONCRETE, ElementType.FULL, np.zeros((1, 3, mesh.n_nodes)))
     with pytest.raises(DisplacementShapeError, match="got shape"):
         nodal_stress(mesh, CONCRETE, ElementType.FULL, np.zeros((1, mesh.n_nodes + 1, 3)))
+
+
+@pytest.mark.quick
+@pytest.mark.parametrize(("radius", "of_element"), [(2.0, True), (40.0, False)])
+def test_an_average_over_less_than_an_element_is_named_as_that_of_the_element(
+    radius: float, of_element: bool
+) -> None:
+    """Inside elements of degree 1 nothing is averaged: 2 and 20 mm had one value, as of both."""
+    coarse = {"mesh.divisions": [8, 1, 2], "fem.method": "static", "fem.degree": 1}
+    coarse |= {"fem.error_estimate": False}
+    case = load_case("cantilever", coarse | {"material.averaging_radius": radius})
+    words = str(solve(case)).replace("│", " ")
+    assert ("over an element, larger than" in " ".join(words.split())) == of_element
+    assert f"a sphere of radius {radius:g} mm" in " ".join(words.split())

@@ -35,13 +35,14 @@ _ELASTIC = (
     ),
     *("effects.elastic_frame", "effects.friction.stick_stiffness"),
 )
+#: With which static answers have load factors, and rigid ones that at first crushing.
+_STRENGTHS = ("material.tensile_strength", "material.compressive_strength")
 #: Fields of methods that decks have.
 _WRITTEN = {"end_time", "ramp_time", "damping", "time_step", "safety_factor", "frames"}
 _IN_TIME = ("effects.rayleigh", "effects.bulk_viscosity")
 #: Of a scene's answer, which decks leave to the program that reads them.
 _NOT_WRITTEN = (
-    *("rigid", "stages", "sections", "material.averaging_radius", "material.tensile_strength"),
-    "material.compressive_strength",
+    *("rigid", "stages", "sections", "material.averaging_radius", *_STRENGTHS),
     *(
         f"fem.{one.name}"
         for one in (*fields(Static), *fields(Explicit))
@@ -56,7 +57,7 @@ _RIGID_ALONE = tuple(
 _ABSENT: Mapping[str, tuple[str, ...]] = {
     "rigid": ("fem", "effects.auto", "pictures.mises", *_ELASTIC, *_IN_TIME),
     "static": ("rigid", "stages", *_IN_TIME),
-    "explicit": ("rigid", "stages"),
+    "explicit": ("rigid", "stages", *_STRENGTHS),
     "compare": ("stages", *_RIGID_ALONE, *_IN_TIME),
     "explicit compare": ("stages", *_RIGID_ALONE),
     "static deck": (*_NOT_WRITTEN, *_IN_TIME, "fem.damping"),
@@ -136,7 +137,7 @@ class KeyUse:
             return ", ".join(dict.fromkeys(f"[{key.partition('.')[0]}]" for key in self.idle))
         if self.method.endswith("deck"):
             return ", ".join(self.idle)
-        printed = _PRINTED if self.method == "rigid" else (*_PRINTED, "contact.")
+        printed = _PRINTED if self.method == "rigid" else (*_PRINTED, "contact.", "material.")
         if self.method.endswith("compare"):
             printed = (*printed, "rigid.")
         return ", ".join(k for k in self.idle if k.startswith(printed) and "stick" not in k)
