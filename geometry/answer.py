@@ -17,7 +17,7 @@ import numpy.typing as npt
 
 from geometry.assembly import Assembly, interface_surface
 from geometry.errors import RefusedError
-from geometry.mesh import FloatArray, IntArray, read_only
+from geometry.mesh import FloatArray, IntArray, QuadSurface, read_only
 from geometry.parts.measures import Planes, SectionError, SectionForces, first_largest, planes
 from geometry.parts.placed import AnyBlocks
 from geometry.parts.rows import TIMES, Part, Row, RowTable, number, time_row
@@ -570,8 +570,19 @@ def is_round(assembly: Assembly) -> bool:
     size = np.linalg.norm(arms, axis=1)
     if not len(arms) or not np.ptp(size) <= 1e-6 * size.max() or not size.max() > 0.0:
         return False
-    spread = np.linalg.svd(arms / size.max(), compute_uv=False)  # of a ring two are equal
-    return bool(np.linalg.norm(arms.sum(axis=0)) < 1e-6 * size.sum() and spread[1] > 1e-3)
+    if not np.linalg.norm(arms.sum(axis=0)) < 1e-6 * size.sum():
+        return False
+    if np.linalg.svd(arms / size.max(), compute_uv=False)[1] > 1e-3:  # of a ring two are equal
+        return True
+    # A ring of two blocks lies in a line, as a wall does, but its inner faces cancel.
+    inner = np.concatenate(
+        [
+            QuadSurface(assembly.nodes(b), assembly.shape(b).faces["inner"]).area_vectors
+            for b in assembly.free_blocks
+        ]
+    )
+    cancelled = np.linalg.norm(inner.sum(axis=0)) < 1e-6 * np.linalg.norm(inner, axis=1).sum()
+    return bool(cancelled)
 
 
 def place(

@@ -162,7 +162,6 @@ def test_displacement_of_another_mesh_is_refused() -> None:
         nodal_stress(mesh, CONCRETE, ElementType.FULL, np.zeros((1, mesh.n_nodes + 1, 3)))
 
 
-@pytest.mark.quick
 @pytest.mark.parametrize(("radius", "of_element"), [(2.0, True), (40.0, False)])
 def test_an_average_over_less_than_an_element_is_named_as_that_of_the_element(
     radius: float, of_element: bool

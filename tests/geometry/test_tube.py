@@ -10,6 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from geometry import Assembly, HexagonBlock
+from geometry.answer import is_round
 from geometry.assembly import moved, renumbered
 from geometry.errors import RefusedError
 from geometry.families.hexagon_block import HexagonBlockDivisions
@@ -224,6 +225,25 @@ def test_shaft_as_printed_acts_at_the_mean_of_the_surface_nodes(family: str) -> 
         np.testing.assert_array_equal(shape.surface_nodes, surface)
         mean = tube.nodes(b)[surface].mean(axis=0)
         np.testing.assert_allclose(load.centroids[load.block == b] - mean, 0.0, atol=1e-12)
+
+
+@pytest.mark.parametrize("layers", [1, 2])
+def test_two_blocks_are_a_ring_and_the_torque_of_a_shaft_is_that_of_its_traction(
+    layers: int,
+) -> None:
+    """τ times the area of a layer, 2 π R h, at the radius R; facets are chords of the circle.
+
+    Their centroids lie in a line as those of a wall do: a shaft of one layer was rejected.
+    """
+    block = tsb(blocks_per_layer=2, frequency=1.0)
+    tube = SineTube(block, SineBlockDivisions(48, 3, 4), layers).build()
+    assert is_round(tube)
+    load = named_load("shaft", 0.01).on(tube)
+    torque = np.cross(load.centroids, load.facet_forces).sum(axis=0)
+    by_hand = 0.01 * 2.0 * np.pi * 160.0**2 * 200.0
+    chord = (np.pi / 48) ** 2 / 2  # areas and radii of chords of 2 π / 96, each to half of that
+    np.testing.assert_allclose(torque[:2], 0.0, atol=1e-9 * by_hand)
+    assert by_hand * (1.0 - 2.0 * chord) <= abs(torque[2]) <= by_hand
 
 
 def test_a_wall_has_no_axis_for_a_traction_to_go_round() -> None:

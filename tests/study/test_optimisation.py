@@ -48,6 +48,7 @@ def test_the_volume_of_a_tube_has_its_elasticities_by_hand() -> None:
     assert slopes["block.inner_radius"].elasticity == pytest.approx(2 * r / (2 * r + t), rel=1e-4)
 
 
+@pytest.mark.slow
 def test_a_column_under_its_weight_has_its_slopes_by_hand() -> None:
     """u = ρ g H² / 2 E + ρ g h / k of two boxes without Poisson's ratio, H = 2 h; no tension.
 
