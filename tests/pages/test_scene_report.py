@@ -91,6 +91,20 @@ def test_every_load_case_has_its_own_answer_where_it_is_asked_for() -> None:
         assert answer["p_max"].value == own["p_max"].value
 
 
+@pytest.mark.quick
+@pytest.mark.parametrize(
+    ("name", "more", "why"),
+    [
+        ("arch", (), "that is no tube"),
+        ("tsb1-pipe", ("combinations.all.load=1.5",), r"with \[combinations\]"),
+    ],
+)
+def test_load_cases_of_what_has_none_are_rejected(name: str, more: tuple[str], why: str) -> None:
+    """They were left out without a word."""
+    with pytest.raises(InputError, match=rf"{name}: load_cases: got a scene {why}"):
+        report_scene(load_case(name, more), deformable=False, load_cases=True)
+
+
 def test_the_page_of_own_blocks(tmp_path) -> None:
     (tmp_path / "cubes.obj").write_text(CUBES)
     (tmp_path / "own.toml").write_text(OWN)

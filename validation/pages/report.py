@@ -132,8 +132,14 @@ def report_scene(
     Raises
     ------
     InputError
-        A scene that neither rigid nor deformable blocks answer.
+        A scene that neither rigid nor deformable blocks answer, or one without load cases.
     """
+    if load_cases and (file.combinations or not file.is_tube):
+        why = "with [combinations]" if file.combinations else "that is no tube"
+        raise InputError(
+            f"{file.name}: load_cases: got a scene {why}; expected a tube without them, or no "
+            "load_cases"
+        )
     failed: dict[str, str] = {}
     tell("rigid blocks")
     rigid = _tried(failed, "rigid", lambda: solve(file.with_method("rigid"), tell))
@@ -146,7 +152,7 @@ def report_scene(
     title = ""
     if file.combinations:
         title = "Load combinations"
-    elif load_cases and file.is_tube:
+    elif load_cases:
         title = "The five load cases, same pressure"
     known = [answer for answer in (rigid, run) if answer is not None and title]
     loads = tuple(_side_by_side(answer, tell) for answer in known)
