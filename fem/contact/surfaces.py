@@ -530,8 +530,11 @@ def motion_derivatives(
     frame = surfaces.frame(moved)
     first = np.concatenate([-frame.normal[:, :, None], frame.by_tangents], axis=2)
     first = first.reshape(*first.shape[:2], 9)
-    way = np.einsum("fpka,faim->fpkim", _frame_factors(surfaces), motions, optimize=True)
-    way = way.reshape(*first.shape, -1)
+    factors, n_motions = _frame_factors(surfaces), motions.shape[3]
+    way = factors.reshape(len(factors), -1, factors.shape[3]) @ motions.reshape(
+        *motions.shape[:2], 3 * n_motions
+    )
+    way = way.reshape(*first.shape, n_motions)
     gradient = (first[:, :, None] @ way)[:, :, 0]
     return gradient, _transposed(way) @ _second_derivatives(frame) @ way
 
@@ -553,15 +556,13 @@ def _second_derivatives(frame: CurrentFrame) -> FloatArray:
     by_a_d = -tangential / area
     by_a_a = (frame.gap[:, :, None, None] * tangential / area + mixed + _transposed(mixed)) / area
     # δa = -[t_2]× δt_1 + [t_1]× δt_2
-    turn = [-cross_matrix(frame.tangents[:, :, 1]), cross_matrix(frame.tangents[:, :, 0])]
+    turn = np.concatenate(
+        [-cross_matrix(frame.tangents[:, :, 1]), cross_matrix(frame.tangents[:, :, 0])], axis=3
+    )
     hessian = np.zeros((*frame.area.shape, 9, 9))
-    for i in range(2):
-        rows = slice(3 + 3 * i, 6 + 3 * i)
-        hessian[..., rows, :3] = _transposed(turn[i]) @ by_a_d
-        hessian[..., :3, rows] = _transposed(hessian[..., rows, :3])
-        for j in range(2):
-            columns = slice(3 + 3 * j, 6 + 3 * j)
-            hessian[..., rows, columns] = _transposed(turn[i]) @ by_a_a @ turn[j]
+    hessian[..., 3:, :3] = _transposed(turn) @ by_a_d
+    hessian[..., :3, 3:] = _transposed(hessian[..., 3:, :3])
+    hessian[..., 3:, 3:] = _transposed(turn) @ by_a_a @ turn
     hessian[..., 3:6, 6:] += cross_matrix(e)
     hessian[..., 6:, 3:6] -= cross_matrix(e)
     return hessian

@@ -56,7 +56,10 @@ class Elimination:
 
     def forward(self, forces: FloatArray) -> None:
         """Move forces (n, n_cases) from inside to around; inside remains what `backward` needs."""
-        inner = scipy.linalg.blas.dtrsm(1.0, self.factor, forces[self.inside], lower=1)
+        right = forces[self.inside]
+        if not right.any():  # such as inside a block that is loaded on its faces
+            return
+        inner = scipy.linalg.blas.dtrsm(1.0, self.factor, right, lower=1)
         count(Operation.ENTRY, self.entries * forces.shape[1])
         forces[self.inside] = inner
         forces[self.around] -= self.coupling.T @ inner

@@ -341,9 +341,11 @@ class GridStep(LinearStep):
             np.fill_diagonal(level.holding, holding)
         number, within = np.full(self._n, -1), rows.within
         number[stiff] = np.arange(len(stiff))
-        for block, parts in zip(self._blocks, self._parts, strict=True):
-            for part in parts:
-                block.include(part.local[number[part.points] >= 0])
+        for kind in set(self._blocks):
+            alike = [parts for k, parts in enumerate(self._parts) if self._blocks[k] is kind]
+            kind.include(
+                np.concatenate([p.local[number[p.points] >= 0] for parts in alike for p in parts])
+            )
         for slot, block in enumerate(self._blocks):
             mine = []
             for part in self._parts[slot]:
