@@ -34,7 +34,7 @@ from fem.system.loose import loose_blocks, require_supported
 from fem.system.reactions import Forces, MovingSupport, PushCurve, moving_supports
 from fem.system.sector import cyclic_sector, largest_sector
 from fem.system.system import Sector, System
-from geometry.machine.system import one_thread_of_blas
+from geometry.machine.system import keep_freed_memory, one_thread_of_blas
 from geometry.machine.work import LimitError
 from geometry.mesh import FloatArray, read_only
 
@@ -90,6 +90,7 @@ def static_state(
     SparseSolverError
         A library that is not installed.
     """
+    keep_freed_memory()
     options = StaticOptions() if options is None else options
     store = FlexibilityStore() if store is None else store
     stages = [*before, system]
