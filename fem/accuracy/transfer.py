@@ -15,13 +15,11 @@ import math
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.sparse import csr_array
 
 from fem.contact.normals import ContactNormals
-from fem.contact.surfaces import MatchedFacets, facet_pressures, matched_facets
+from fem.contact.surfaces import facet_pressures, matched_facets
 from fem.element.functions import (
     FACET_CORNERS,
-    FacetBasis,
     bilinear,
     facet_basis,
     facet_values,
@@ -38,10 +36,10 @@ from geometry.mesh import (
     HEX_FACES,
     BoolArray,
     FloatArray,
-    HexMesh,
     IntArray,
     grid_points,
     row_keys,
+    run_starts,
 )
 from geometry.parts.rows import Row
 from geometry.refinement import charts_as, charts_of
@@ -61,31 +59,51 @@ def node_places(block: Block) -> Places:
     return places_in(charts_of(block), of, at)
 
 
-def interpolation(block: Block, places: Places) -> csr_array:
-    """Values at places from those at the nodes of a block, (n, n_nodes)."""
-    mesh = block.mesh
+class Interpolation(NamedTuple):
+    """Values at places from those at the nodes of a block, element by element."""
+
+    values: FloatArray
+    """Functions of the element, or of its face, at each place, (n, n_functions)."""
+    members: IntArray
+    """Nodes of some elements or faces, (n_parts, n_functions)."""
+    rows: list[IntArray]
+    """Places on each of these."""
+
+    def __matmul__(self, nodal: FloatArray) -> FloatArray:
+        """Values at the places, (n_nodes, …) to (n, …)."""
+        result = np.empty((len(self.values), *nodal.shape[1:]))
+        for rows, members in zip(self.rows, self.members, strict=True):
+            result[rows] = self.values[rows] @ nodal[members]
+        return result
+
+
+def interpolation(block: Block, places: Places) -> Interpolation:
+    """Values at places from those at the nodes of a block."""
     element, natural = located(charts_of(block), places)
-    result = _sums(mesh, element_of(mesh).values(natural), mesh.connectivity[element])
-    result.eliminate_zeros()  # on a face all but its own nodes
-    return result
+    parts, rows = _grouped(element)
+    values = element_of(block.mesh).values(natural)
+    return Interpolation(values, block.mesh.connectivity[parts], rows)
 
 
-def interpolation_on_faces(block: Block, places: Places) -> csr_array:
+def interpolation_on_faces(block: Block, places: Places) -> Interpolation:
     """`interpolation` at places on faces of elements, where only the nodes of the face count."""
     mesh, kind = block.mesh, element_of(block.mesh)
     element, natural = located(charts_of(block), places)
     corners = CORNERS[HEX_FACES]
-    face = (natural @ corners.mean(axis=1).T).argmax(axis=1)
-    along = 0.5 * (corners[:, [1, 3]] - corners[:, :1])
-    xi = (along[face] @ natural[:, :, None])[:, :, 0]
+    of_face = (natural @ corners.mean(axis=1).T).argmax(axis=1)
+    parts, rows = _grouped(len(HEX_FACES) * element + of_face)
+    element, face = np.divmod(parts, len(HEX_FACES))
     members = mesh.connectivity[element[:, None], kind.face_nodes(HEX_FACES)[face]]
-    return _sums(mesh, facet_values(xi, members.shape[1]), members)
+    along = 0.5 * (corners[:, [1, 3]] - corners[:, :1])
+    xi = np.einsum("nij,nj->ni", along[of_face], natural)
+    return Interpolation(facet_values(xi, members.shape[1]), members, rows)
 
 
-def _sums(mesh: HexMesh, values: FloatArray, members: IntArray) -> csr_array:
-    """Sums of functions (n, m) times values at their nodes (n, m), (n, n_nodes)."""
-    pointer = values.shape[1] * np.arange(len(values) + 1)
-    return csr_array((values.ravel(), members.ravel(), pointer), (len(values), mesh.n_nodes))
+def _grouped(keys: IntArray) -> tuple[IntArray, list[IntArray]]:
+    """Keys that differ, and the positions of each."""
+    order = np.argsort(keys, kind="stable")
+    starts = run_starts(keys[order])[:-1]
+    return keys[order[starts]], np.split(order, starts[1:])
 
 
 def transferred(
@@ -182,45 +200,72 @@ def pressures_on_facets(
         Order of a turn about the axis after which the state is the same: facets that it maps onto
         each other are evaluated once.
     """
-    result = facets.interfaces
-    alike = representatives(solved, symmetry)
-    quads = unique_rows(result.quads_m)[1], unique_rows(result.quads_s)[1]
-    # The same facets of all blocks stand together: those at a time share their interpolation.
-    kinds = *quads, alike[result.block_m], alike[result.block_s]
-    chosen, which = unique_rows(np.stack(kinds, axis=1))
+    result, alike = facets.interfaces, representatives(solved, symmetry)
+    first = result.pair_start[:-1]
+    blocks = np.stack([result.block_m[first], result.block_s[first]], axis=1)
+    chosen, which = unique_rows(np.column_stack([result.pair_class, alike[blocks]]))
     degree = max(shape.mesh.degree for shape in solved.assembly.shapes)
     at = _nodes_of_parts(_parts(facets, solved.assembly), degree)
-    state = solved, displacements, alike
-    bodies = np.array_split(chosen, math.ceil(len(chosen) * len(at) / _AT_ONCE) or 1)
-    pressures = [_pressures(facets, state, body, (at, degree)) for body in bodies]
-    return np.concatenate(pressures)[which]
+    pressures = np.empty(result.n_contacts)
+    # Congruent pairs share their interpolation.
+    for pairs in np.split(chosen, run_starts(result.pair_class[chosen])[1:-1]):
+        rows = first[pairs][:, None] + np.arange(result.pair_start[pairs[0] + 1] - first[pairs[0]])
+        for some in np.array_split(rows, math.ceil(rows.size * len(at) / _AT_ONCE), axis=1):
+            pressures[some] = _pressures(facets, (solved, displacements, alike), some, (at, degree))
+    stands = np.repeat(first[chosen][which] - first, np.diff(result.pair_start))
+    return pressures[np.arange(result.n_contacts) + stands]
 
 
 def _pressures(
     facets: Assembly,
     state: tuple[System, tuple[FloatArray, ...], IntArray],
-    chosen: IntArray,
+    rows: IntArray,
     parts: tuple[FloatArray, int],
 ) -> FloatArray:
-    """Mean pressures of some facets, (n,) [MPa], from the nodes of parts of a degree on each."""
-    (solved, _, _), result, (at, degree) = state, facets.interfaces, parts
-    basis = facet_basis(degree)
-    n_parts = len(at) // len(basis.values[0])
-    blocks = result.block_m[chosen], result.block_s[chosen]
-    sides = zip(blocks, (result.quads_m[chosen], result.quads_s[chosen]), strict=True)
-    shape = (len(chosen) * n_parts, -1, 3)
-    (nodes_m, u_m), (nodes_s, u_s) = (
-        tuple(values.reshape(shape) for values in _at_facets(facets, state, side, at))
-        for side in sides
+    """Mean pressures of some facets of congruent pairs of blocks, (n_pairs, n_facets) [MPa].
+
+    Each from the nodes of parts of a degree on it, in the frame of block m. ``rows`` are their
+    positions in the interfaces, (n_pairs, n_facets).
+    """
+    (solved, displacements, alike), (at, degree) = state, parts
+    result, assembly, basis = facets.interfaces, solved.assembly, facet_basis(degree)
+    blocks_m, turn = result.block_m[rows[:, 0]], assembly.rotations[result.block_m[rows[0, 0]]]
+    sides = (blocks_m, result.quads_m), (result.block_s[rows[:, 0]], result.quads_s)
+    on_sides = []
+    for blocks, quads in sides:
+        stated, meshed = facets.shape(blocks[0]), assembly.shape(blocks[0])
+        own = assembly.rotations[blocks[0]].T @ turn
+        place = (assembly.translations[blocks[0]] - assembly.translations[blocks_m[0]]) @ turn
+        to = _on_facets(stated, meshed, quads[rows[0]], at)
+        nodes, members = np.unique(to.members, return_inverse=True)
+        fields = [meshed.mesh.nodes[nodes] @ own + place]
+        apart = (solved.offsets[blocks] - solved.offsets[blocks_m]) @ turn
+        for block, shift in zip(alike[blocks], apart, strict=True):
+            body, moved = int(solved.body_number[block]), np.tile(shift, (len(nodes), 1))
+            if body >= 0:
+                u = displacements[body][solved.copy_of[block], nodes]
+                moved += u @ (assembly.rotations[block] @ own)
+            fields.append(moved)
+        to = to._replace(members=members.reshape(to.members.shape))
+        values = to @ np.concatenate(fields, axis=1)
+        on_sides.append(values.reshape(-1, basis.values.shape[1], len(fields), 3))
+    none = np.zeros(on_sides[0].shape[:2], dtype=np.int64)
+    points = matched_facets(
+        (none[:, 0], none[:, 0]),
+        (none, none),
+        (on_sides[0][:, :, 0], on_sides[1][:, :, 0]),
+        basis,
+        clearance=solved.surfaces.clearance,
     )
-    of_parts = np.repeat(blocks[0], n_parts), np.repeat(blocks[1], n_parts)
-    surfaces = _surfaces(solved, basis, of_parts, (nodes_m, nodes_s))
-    moved = np.concatenate([u_m, u_s], axis=1)
-    overclosures = surfaces.overclosures(moved)
-    law = solved.contact.law.on(surfaces.block_m, surfaces.block_s)
-    of_part = facet_pressures(surfaces, law.pressure(overclosures))
-    areas = surfaces.areas.reshape(-1, n_parts)
-    return np.asarray(np.average(of_part.reshape(-1, n_parts), axis=1, weights=areas))
+    if solved.contact.normals is not ContactNormals.CURRENT:
+        points = points.with_reference_normals
+    both, areas = np.concatenate(on_sides, axis=1), points.areas.reshape(rows.shape[1], -1)
+    pressures = np.empty(rows.shape)
+    for k, row in enumerate(rows[:, :1]):
+        law = solved.contact.law.on(result.block_m[row], result.block_s[row])
+        of_parts = facet_pressures(points, law.pressure(points.overclosures(both[:, :, 1 + k])))
+        pressures[k] = np.average(of_parts.reshape(areas.shape), axis=1, weights=areas)
+    return pressures
 
 
 def _parts(facets: Assembly, solved: Assembly) -> int:
@@ -255,60 +300,14 @@ def _nodes_of_parts(n: int, degree: int) -> FloatArray:
     return np.reshape(grid_points(centres, centres)[:, None] + of_part / n, (-1, 2))
 
 
-def _at_facets(
-    facets: Assembly,
-    state: tuple[System, tuple[FloatArray, ...], IntArray],
-    side: tuple[IntArray, IntArray],
-    at: FloatArray,
-) -> tuple[FloatArray, FloatArray]:
-    """World positions and displacements at points of facets, (n_facets, n_points, 3) [mm].
+def _on_facets(stated: Block, solved: Block, quads: IntArray, at: FloatArray) -> Interpolation:
+    """Values at points of facets of a block from those at the nodes of another mesh of it.
 
-    The points have natural coordinates (n_points, 2).
+    The points have natural coordinates (n_points, 2); facet by facet.
     """
-    (solved, displacements, alike), (blocks, quads) = state, side
-    positions = np.empty((len(quads), len(at), 3))
-    moved = np.empty_like(positions)
-    assembly = solved.assembly
-    for number, shape in enumerate(facets.shapes):
-        rows = np.flatnonzero(facets.shape_of[blocks] == number)
-        if not len(rows):
-            continue
-        first, which = unique_rows(quads[rows])
-        known = quads[rows[first]]
-        element, corners = facet_elements(shape.mesh, known)
-        natural = bilinear(at)[0] @ corners
-        charts = charts_as(shape, charts_of(assembly.shapes[number]))
-        places = places_in(charts, np.repeat(element, len(at)), natural.reshape(-1, 3))
-        # Blocks that are alike have moved alike in their own frames.
-        stands, field = np.unique(alike[blocks[rows]], return_inverse=True)
-        fields = [assembly.shapes[number].mesh.nodes]
-        for block in stands:
-            body, u = int(solved.body_number[block]), np.zeros_like(fields[0])
-            if body >= 0:
-                u = displacements[body][solved.copy_of[block]] @ assembly.rotations[block]
-            fields.append(u)
-        to = interpolation_on_faces(assembly.shapes[number], places)
-        values = to @ np.concatenate(fields, axis=1)
-        values = np.reshape(values, (len(known), len(at), len(fields), 3))
-        turns = np.swapaxes(assembly.rotations[blocks[rows]], 1, 2)
-        positions[rows] = values[which, :, 0] @ turns
-        positions[rows] += assembly.translations[blocks[rows], None]
-        moved[rows] = values[which, :, 1 + field] @ turns
-    return positions, moved
-
-
-def _surfaces(
-    solved: System,
-    basis: FacetBasis,
-    blocks: tuple[IntArray, IntArray],
-    nodes: tuple[FloatArray, FloatArray],
-) -> MatchedFacets:
-    """Facets between nodes of two blocks that coincide."""
-    block_m, block_s = blocks
-    numbers = np.zeros(nodes[0].shape[:2], dtype=np.int64)
-    apart = solved.offsets[block_s] - solved.offsets[block_m]
-    facets = matched_facets(
-        blocks, (numbers, numbers), nodes, basis, apart=apart, clearance=solved.surfaces.clearance
-    )
-    current = solved.contact.normals is ContactNormals.CURRENT
-    return facets if current else facets.with_reference_normals
+    element, corners = facet_elements(stated.mesh, quads)
+    charts = charts_as(stated, charts_of(solved))
+    ends = places_in(charts, np.repeat(element, 4), corners.reshape(-1, 3))
+    between = bilinear(at)[0] @ ends.parameters.reshape(-1, 4, 3)
+    places = Places(np.repeat(ends.chart[::4], len(at)), between.reshape(-1, 3))
+    return interpolation_on_faces(solved, places)
