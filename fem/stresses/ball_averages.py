@@ -149,7 +149,7 @@ def averaged_tension(bodies: MovedBodies, radius: float) -> tuple[PointValue, Po
     best = _largest(better, extrapolated(better), _BEST)
     places = between(best, _CENTRES[1], _CENTRES[2])
     result = extrapolated(places)
-    return _largest_at(result, places), _largest_at(largest_tension(fine.stress), fine.positions)
+    return _largest_at(result, places), _largest_at(largest_tension(fine.stress).T, fine.positions)
 
 
 def _largest_at(values: FloatArray, positions: FloatArray) -> PointValue:
@@ -222,7 +222,7 @@ class _Cells:
     volumes: FloatArray
     """(n,) [mm³]"""
     stress: FloatArray
-    """(n_bodies, n, 6) [MPa]"""
+    """(n, n_bodies, 6) [MPa]"""
 
     @cached_property
     def tree(self) -> cKDTree:
@@ -253,7 +253,7 @@ def _cells(
     return _Cells(
         np.concatenate([f.positions for f in result]),
         np.concatenate([f.volumes for f in result]),
-        np.concatenate([f.stress for f in result], axis=1),
+        np.concatenate([f.stress for f in result]),
     )
 
 
@@ -306,9 +306,10 @@ def _gaps(grid: FloatArray) -> float:
 def _near(grid: FloatArray, places: cKDTree, within: float) -> BoolArray:
     """Points of a grid (n_1, n_2, n_3, 3) near some places, (n_1, n_2, n_3).
 
-    Of many points first some, then those between them.
+    First those in the box of all places; of many points first some, then those between them.
     """
-    may = np.ones(grid.shape[:3], dtype=np.bool_)
+    box = zip(np.moveaxis(grid, 3, 0), places.mins - within, places.maxes + within, strict=True)
+    may = np.logical_and.reduce([(low <= x) & (x <= high) for x, low, high in box])
     if may.size > _MOST_POINTS:
         picked = [_each(n, _STEPS) for n in may.shape]
         some = grid[np.ix_(*picked)]
@@ -334,11 +335,10 @@ def _on_grid(
     jacobian = np.ascontiguousarray(np.moveaxis(slopes[:, :3], 0, 2))
     (adjugate,), (determinant,) = adjugates(jacobian[None])
     gradient = slopes[:, 3:] @ np.moveaxis(adjugate / determinant, 2, 0)
-    gradient = np.moveaxis(gradient.reshape(-1, n_bodies, 3, 3), 1, 0)
     return _Cells(
         _contracted(bodies, lines, nodes).reshape(-1, 3),
         determinant * volume,
-        stress_of_gradient(gradient, bodies.material),
+        stress_of_gradient(gradient.reshape(-1, n_bodies, 3, 3), bodies.material),
     )
 
 
@@ -366,21 +366,23 @@ def _tension(cells: _Cells, centres: FloatArray, radius: float, size: float) -> 
     )
     members = near["j"]
     share = cells.volumes[members] * np.clip((radius - near["v"]) / ramp + 0.5, 0.0, 1.0)
-    return principal_stress(_means(cells, (near["i"], members), share, len(centres)))[..., 0]
+    return principal_stress(_means(cells, (near["i"], members), share, len(centres)))[..., 0].T
 
 
 def _means(
     cells: _Cells, pairs: tuple[IntArray, IntArray], share: FloatArray, n_balls: int
 ) -> FloatArray:
-    """Means over balls, (n_bodies, n_balls, 6) [MPa].
+    """Means over balls, (n_balls, n_bodies, 6) [MPa].
 
     From pairs of a ball and a cell (n,) each, and the volume of that cell in that ball (n,) [mm³].
     """
-    count(Operation.ELEMENT, 9.0 * len(share) * (1 + len(cells.stress)))
+    n_bodies = cells.stress.shape[1]
+    count(Operation.ELEMENT, 9.0 * len(share) * (1 + n_bodies))
     # As it is: sorting it by rows takes longer than the products.
     weights = coo_array((share, pairs), (n_balls, len(cells.positions)))
     total = np.bincount(pairs[0], share, minlength=n_balls)[:, None]
-    return np.stack([(weights @ layer) / total for layer in cells.stress])
+    means = (weights @ cells.stress.reshape(-1, 6 * n_bodies)) / total
+    return means.reshape(n_balls, n_bodies, 6)
 
 
 def one_of_each_cube(points: FloatArray, spacing: float) -> IntArray:
@@ -429,7 +431,8 @@ def means_at_elements(
         shares = (volumes / sizes[:, None])[:, None]
         stress = (shares @ stress.reshape(len(stress), -1, each, 6))[:, :, 0]
         each = 1
-    cells = _Cells(*((centroids, sizes) if each == 1 else (points, volumes.ravel())), stress)
+    at = (centroids, sizes) if each == 1 else (points, volumes.ravel())
+    cells = _Cells(*at, np.swapaxes(stress, 0, 1))
     kept = one_of_each_cube(centroids, spacing)
     near = cKDTree(centroids[kept]).sparse_distance_matrix(
         cells.tree, radius, output_type="ndarray"
@@ -437,4 +440,5 @@ def means_at_elements(
     others = near[near["j"] // each != kept[near["i"]]]
     balls = np.append(others["i"], np.repeat(np.arange(len(kept)), each))
     members = np.append(others["j"], each * kept[:, None] + np.arange(each))
-    return centroids[kept], _means(cells, (balls, members), cells.volumes[members], len(kept))
+    means = _means(cells, (balls, members), cells.volumes[members], len(kept))
+    return centroids[kept], np.swapaxes(means, 0, 1)

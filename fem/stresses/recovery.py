@@ -255,8 +255,9 @@ def stress_peaks(state: State) -> StressPeaks:
 
 def nodal_stress_range(state: State) -> tuple[float, float]:
     """Least σ₃ and largest σ₁ at the nodes [MPa]."""
-    found = [principal_stress(body.nodal_stress(u)) for body, _, u in _moved_blocks(state)]
-    return min(p[..., 2].min() for p in found), max(p[..., 0].max() for p in found)
+    found = [body.nodal_stress(u) for body, _, u in _moved_blocks(state)]
+    least = min(-largest_tension(-stress).max() for stress in found)
+    return least, max(largest_tension(stress).max() for stress in found)
 
 
 def _moved_blocks(state: State) -> Iterator[tuple[Body, IntArray, FloatArray]]:
