@@ -148,10 +148,11 @@ class DisplacementShapeError(RefusedError):
 
 def stress_of_gradient(gradient: FloatArray, material: Material) -> FloatArray:
     """Stress of displacement gradients ∂uᵢ/∂xⱼ, (..., 3, 3) [-] to (..., 6) [MPa]."""
-    strain = gradient + np.swapaxes(gradient, -1, -2)
-    # Engineering shear strains, hence no half of theirs.
-    voigt = [strain[..., i, j] * (0.5 if i == j else 1.0) for i, j in VOIGT]
-    return np.stack(voigt, axis=-1) @ material.elasticity_matrix().T
+    by_gradient = np.zeros((6, 3, 3))
+    for strain, (i, j) in zip(material.elasticity_matrix().T, VOIGT, strict=True):
+        by_gradient[:, i, j] = by_gradient[:, j, i] = strain
+    stress = gradient.reshape(-1, 9) @ by_gradient.reshape(6, 9).T
+    return stress.reshape(*gradient.shape[:-2], 6)
 
 
 def stress_tensor(stress: FloatArray) -> FloatArray:
