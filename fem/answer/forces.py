@@ -49,7 +49,7 @@ def joints_of(state: State) -> JointResultants:
         couples=sums[:, 3:],
         smallest_gap=-largest(contact.point_overclosures),
         largest_gap=largest(-contact.point_overclosures),
-        largest_slip=largest(np.linalg.norm(contact.point_slips, axis=1)),
+        largest_slip=largest(lengths(contact.point_slips)),
     )
 
 

@@ -47,7 +47,7 @@ from geometry.answer import (
     place,
 )
 from geometry.assembly import Assembly
-from geometry.mesh import FloatArray, IntArray
+from geometry.mesh import FloatArray, IntArray, lengths
 from geometry.parts.measures import facet_measures, first_largest
 
 if TYPE_CHECKING:
@@ -94,7 +94,7 @@ def _largest_displacement(state: State) -> Peak:
     """Node that moves most, and by how much [mm]."""
     whole = state.whole
     blocks = whole.deformable_blocks.tolist()
-    sizes = [np.linalg.norm(state.displacement_of(block), axis=1) for block in blocks]
+    sizes = [lengths(state.displacement_of(block)) for block in blocks]
     largest = np.array([size.max() for size in sizes])
     first, value = first_largest(largest), float(largest.max())
     where = whole.positions(blocks[first])[first_largest(sizes[first])]
@@ -391,9 +391,9 @@ def slip(state: State) -> dict[str, float] | None:
     on_m, on_s = np.split(corner_displacements(whole, state.displacements), 2, axis=1)
     jump: FloatArray = on_s - on_m
     normal = surfaces.normals.mean(axis=1)
-    normal /= np.linalg.norm(normal, axis=1)[:, None]
+    normal /= lengths(normal)[:, None]
     along = np.einsum("fai,fi->fa", jump, normal)
-    slips = np.linalg.norm(jump - along[:, :, None] * normal[:, None], axis=2).max(axis=1)
+    slips = lengths(jump - along[:, :, None] * normal[:, None]).max(axis=1)
     size = np.sqrt(surfaces.areas)
     worst = int(np.argmax(np.where(pressing, slips / size, 0.0)))
     largest = float(slips[worst]) if pressing.any() else 0.0

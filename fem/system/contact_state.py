@@ -20,7 +20,14 @@ from fem.contact.surfaces import (
 from fem.element.functions import facet_areas, facet_functions
 from fem.system.system import Sector, System
 from geometry.assembly import Assembly
-from geometry.mesh import BoolArray, FloatArray, IntArray, ReadOnlyArrays, structured_quads
+from geometry.mesh import (
+    BoolArray,
+    FloatArray,
+    IntArray,
+    ReadOnlyArrays,
+    cross,
+    structured_quads,
+)
 
 
 def block_surfaces(system: Sector, copy_of: IntArray | None = None) -> tuple[BlockSurface, ...]:
@@ -332,8 +339,8 @@ def _at_points(
         slopes = points.slopes[..., side]
         n, n_points = slopes.shape[:2]
         tangents = slopes.reshape(n, 2 * n_points, n_nodes) @ nodes[:, side]
-        turned = np.cross(tangents.reshape(turning.shape), turning).sum(axis=2)
-        moments.append(0.5 * np.cross(frame.d, acting) - pressures[..., None] * turned)
+        turned = cross(tangents.reshape(turning.shape), turning).sum(axis=2)
+        moments.append(0.5 * cross(frame.d, acting) - pressures[..., None] * turned)
     weighted = points.weights[..., None, None] * np.stack(moments, axis=2)
     return {
         "positions": positions.reshape(-1, 3),
@@ -430,7 +437,7 @@ def _searched_slips(points: SearchedPoints) -> FloatArray:
 
     Positions before any displacement: a motion that two blocks share is no slip, however large.
     """
-    normal = np.cross(points.tangents[:, 0, 0], points.tangents[:, 0, 1])
+    normal = cross(points.tangents[:, 0, 0], points.tangents[:, 0, 1])
     normal /= np.linalg.norm(normal, axis=1, keepdims=True)
     return _along(-points.offsets[:, 0], normal)
 
