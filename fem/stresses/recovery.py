@@ -18,7 +18,6 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from fem.element.functions import TensorPoints, tensor_points
 from fem.element.hexahedron import at_corners, point_volumes
@@ -68,6 +67,8 @@ def best_turns(body: Body, displacement: FloatArray) -> FloatArray:
     moved ones. A step of Newton's method from small numbers gives all digits of small rotations.
     Displacements are in world axes, (n_copies, n_nodes, 3) [mm].
     """
+    from scipy.spatial.transform import Rotation
+
     share = body.lumped_mass / body.lumped_mass.sum()
     arms = _arms(body) @ body.rotations.transpose(0, 2, 1)
     of_shape = np.einsum("n,cni,cnj->cij", share, arms, arms)

@@ -16,8 +16,11 @@ from typing import TYPE_CHECKING, NoReturn
 if TYPE_CHECKING:
     from sys import UnraisableHookArgs
 
-#: Parts of numpy that scipy names as it is loaded and seldom uses: a tenth of the start.
-_SELDOM = {"numpy.char", "numpy.f2py", "numpy.random", "numpy.testing"}
+#: What numpy and scipy name as they are loaded and seldom use: a tenth of the start.
+_SELDOM = {
+    *("numpy.char", "numpy.f2py", "numpy.random", "numpy.testing"),
+    *("pydoc", "scipy.spatial.transform"),
+}
 
 
 class _WhenUsed(PathFinder):
