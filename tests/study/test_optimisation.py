@@ -74,6 +74,24 @@ def test_a_column_under_its_weight_has_its_slopes_by_hand() -> None:
     assert slopes["sigma_1_averaged"].remark == "negligible beside the largest stress"
 
 
+def test_an_arch_has_the_slopes_of_its_weight_on_its_springings() -> None:
+    """p = ρ g π R d t / 2 d t at the largest, V = π R d t; it was said to carry no load."""
+    scene = load_case("arch", {"assembly.voussoirs": 8, "block.thickness": 250.0})
+    result = sensitivity(scene, parameters=["block.radius", "block.depth"])
+    found = {(s.measure, s.parameter): s.elasticity for s in result.slopes}
+    assert found == pytest.approx(
+        {
+            ("p_max_facet", "block.radius"): 1.0,
+            ("p_max_facet", "block.depth"): 0.0,
+            ("volume", "block.radius"): 1.0,
+            ("volume", "block.depth"): 1.0,
+        },
+        abs=1e-6,
+    )
+    with pytest.raises(InputError, match=r"such as effects\.friction\.coefficient$"):
+        sensitivity(scene, parameters=["effects.friction"])
+
+
 def test_rigid_pressures_are_proportional_to_the_load() -> None:
     """Elasticity 1 of p_max and p_eff; the volume does not change."""
     result = sensitivity("tsb1-pipe", COARSE, parameters=["load.pressure"])
