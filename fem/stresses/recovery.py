@@ -148,10 +148,24 @@ def recovered_of(state: State) -> tuple[Recovered, ...]:
     return tuple(recover(g, u, finite_rotation=state.finite_rotation) for g, u in bodies)
 
 
+@once
+def nodal_principal(state: State) -> FloatArray:
+    """σ₁ >= σ₂ >= σ₃ at the nodes of the blocks that are computed, (n_nodes, 3) [MPa]."""
+    system, whole = state.system, state.whole
+    result = np.empty((system.n_nodes, 3))
+    for number, (body, u) in enumerate(zip(whole.bodies, state.displacements, strict=True)):
+        slots = np.flatnonzero(whole.body_number[system.blocks] == number)
+        local, _ = block_displacements(body, u, finite_rotation=state.finite_rotation)
+        stress = body.nodal_stress(local[whole.copy_of[system.blocks[slots]]])
+        for slot, values in zip(slots.tolist(), principal_stress(stress), strict=True):
+            result[system.nodes_of(slot)] = values
+    return result
+
+
 def principal_of(state: State, block: int) -> FloatArray:
     """Principal stresses at the nodes of a block that deforms, (n_nodes, 3) [MPa]."""
-    whole = state.whole
-    return recovered_of(state)[int(whole.body_number[block])].principal[int(whole.copy_of[block])]
+    rows = state.system.rows[block, : state.whole.body_of(block).n_nodes]
+    return nodal_principal(state)[rows]
 
 
 @dataclass(frozen=True)

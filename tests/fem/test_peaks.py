@@ -16,7 +16,7 @@ from fem.element.kinds import integration_points
 from fem.problem import Problem
 from fem.state import State
 from fem.stresses.ball_averages import means_at_elements
-from fem.stresses.recovery import recover, stress_peaks
+from fem.stresses.recovery import principal_of, recover, recovered_of, stress_peaks
 from geometry import Answer, Measure
 from geometry.answer import TITLES, measure_rows
 from tests.support.answers import on_its_mesh
@@ -99,6 +99,28 @@ def test_a_block_that_flies_far_has_no_stress(pressed: Answer) -> None:
     flight = np.full((group.n_copies, group.n_nodes, 3), 2.0**20)
     found = recover(group, flight, finite_rotation=True).stress
     assert np.abs(found).max() < 1e-9
+
+
+@pytest.mark.parametrize(
+    ("scene", "mesh"),
+    [
+        ("tsb1-pipe", ("mesh.around=24", "mesh.radial=2", "mesh.axial=4")),
+        ("thb0-tunnel", ("mesh.edge=4", "mesh.radial=2")),
+    ],
+)
+def test_blocks_of_one_kind_have_the_nodal_stresses_of_the_one_that_is_computed(
+    scene: str, mesh: tuple[str, ...]
+) -> None:
+    """Those of each from its own displacements, turned and turned over."""
+    state = on_its_mesh(scene, ("assembly.layers=2", *mesh), method="static").details
+    shown, whole = state.whole.deformable_blocks, state.whole
+    assert state.system.n_slots < len(shown)
+    for block in shown.tolist():
+        of_body = recovered_of(state)[whole.body_number[block]]
+        expected = of_body.principal[whole.copy_of[block]]
+        np.testing.assert_allclose(
+            principal_of(state, block), expected, rtol=0, atol=1e-9 * np.abs(expected).max()
+        )
 
 
 def averaged_over(radius: float, problem: Problem) -> Problem:
