@@ -20,7 +20,7 @@ from validation import load_case, solve
 from validation.output.pictures import assemblies, scales, tubes
 from validation.output.pictures import canvas as drawing
 from validation.output.pictures import gallery as gallery_pictures
-from validation.output.pictures.bodies import EYE, blocks, edges_of, eye, labelled
+from validation.output.pictures.bodies import EYE, blocks, edges_of, eye, labelled, turn_colours
 from validation.output.pictures.canvas import Lines, Polygons, View
 from validation.output.pictures.gallery import Panel, gallery
 from validation.output.pictures.scales import (
@@ -83,6 +83,18 @@ def test_a_view_of_the_same_parts_from_another_side_is_that_of_new_ones() -> Non
         for direction in ((0.0, 0.0, 1.0), (1.0, -1.0, 1.0), (1.0, 0.0, 0.1)):
             pixels = View(parts, direction).render(60, 40)
             np.testing.assert_array_equal(pixels, View(list(parts), direction).render(60, 40))
+
+
+def test_faces_of_closed_blocks_that_look_away_are_hidden() -> None:
+    """Drawn or not, from any side: pictures of deformed blocks leave them out."""
+    tube = load_case("tsb1-pipe", COARSE).problem.blocks
+    for direction in (EYE, (0.3, 1.0, -1.0)):
+        drawn = [
+            View(blocks(tube, turn_colours(tube), two_sided=both, lit=False), direction)
+            for both in (True, False)
+        ]
+        one, other = (view.render(200, 200) for view in drawn)
+        assert (one != other).mean() < 1e-3  # where faces of two blocks lie on each other
 
 
 def test_blocks_stand_where_they_are_asked_to() -> None:
@@ -259,8 +271,11 @@ def test_a_picture_states_its_program_and_takes_words_as_they_are(tmp_path: Path
     figure, axes = gallery_pictures.subplots(1, 1, size=(3.0, 2.0))
     axes.set_title("a square $x^{2$")
     gallery_pictures.save_figure(figure, tmp_path / "chart.png")
+    drawn = gallery_pictures.pixels_of(figure)
     with Image.open(tmp_path / "chart.png") as image:
         assert image.size == (390, 260)
+        assert image.info["dpi"] == pytest.approx((130, 130), rel=1e-3)
+        np.testing.assert_array_equal(np.asarray(image), drawn)
         assert f"tubelock {version('tubelock')}+" in image.text["Software"]
 
 

@@ -149,20 +149,18 @@ def sharp_edges(
     normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-300)
     ends = np.stack([polygons, np.roll(polygons, -1, axis=1)], axis=2).reshape(-1, 2)
     owner = np.repeat(np.arange(len(polygons)), polygons.shape[1])
-    low, high = ends.min(axis=1), ends.max(axis=1)
-    _, first, which, count = np.unique(
-        low * (len(points) + 1) + high, return_index=True, return_inverse=True, return_counts=True
-    )
-    order = np.argsort(which, kind="stable")
-    start = np.cumsum(count) - count
+    low, high = np.minimum(*ends.T), np.maximum(*ends.T)
+    edge = low * (len(points) + 1) + high
+    order = np.argsort(edge, kind="stable")
+    same = np.diff(edge[order]) == 0
     # Edges with more than two polygons belong to no closed surface.
-    pair = np.flatnonzero(count == 2)
-    one, other = owner[order[start[pair]]], owner[order[start[pair] + 1]]
+    pair = np.flatnonzero(same & ~np.append(False, same[:-1]) & ~np.append(same[1:], False))
+    one, other = owner[order[pair]], owner[order[pair + 1]]
     least = np.full(len(pair), angle)
     if group is not None:
         least = np.where(group[one] == group[other], 2.0, 0.25) * angle
     turned = np.einsum("ij,ij->i", normal[one], normal[other]) < np.cos(np.radians(least))
-    return np.asarray(ends[first[pair[turned]]])
+    return np.asarray(ends[order[pair[turned]]])
 
 
 def turn_colours(

@@ -12,8 +12,9 @@ import sys
 import threading
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
+from importlib.machinery import PathFinder
 from typing import Any
 
 import numpy as np
@@ -192,6 +193,7 @@ def _made_window() -> Any:
             f"pictures of blocks need about {_SPACE:g} GB of addresses, and the limit of this "
             f"process leaves {max(left, 0.0):.2g} (ulimit -v); raise it, or take --json without -o",
         )
+    _find_modules_at_once()
     import vtkmodules.vtkRenderingOpenGL2  # noqa: F401 - what renders
     from vtkmodules.vtkRenderingCore import vtkRenderWindow
 
@@ -200,6 +202,17 @@ def _made_window() -> Any:
     window.SetOffScreenRendering(1)
     window.SetMultiSamples(0)  # several samples a pixel take three times as long
     return window
+
+
+def _find_modules_at_once() -> None:
+    """Spare VTK a search of its whole folder for each of its modules: a fifth of loading it."""
+    import vtkmodules
+
+    def file_of(paths: Sequence[str], name: str) -> str | None:
+        spec = PathFinder.find_spec(name, paths)
+        return None if spec is None else spec.origin
+
+    vtkmodules.find_lib_path = file_of
 
 
 #: Most pixels along one side of the window.
@@ -231,6 +244,8 @@ def rendered(view: View, width: int, height: int) -> Iterator[Any]:
             window.RemoveRenderer(renderer)
         renderer = vtkRenderer()
         renderer.SetBackground(1.0, 1.0, 1.0)
+        # Blending in any order takes textures of all pixels; thin lines look the same without.
+        renderer.SetUseOIT(any(isinstance(p, Polygons) and p.opacity < 1.0 for p in view.parts))
         for part in view.parts:
             if len(part.points):
                 renderer.AddActor(_actor(part))
@@ -262,6 +277,8 @@ def _actor(part: Part) -> Any:
     from vtkmodules.vtkCommonDataModel import vtkPolyData
     from vtkmodules.vtkRenderingCore import vtkActor, vtkPolyDataMapper
 
+    if isinstance(part, Polygons):
+        part = _coloured_by_points(part)
     data = vtkPolyData()
     data.SetPoints(as_points(part.points))
     mapper, actor = vtkPolyDataMapper(), vtkActor()
@@ -288,6 +305,20 @@ def _actor(part: Part) -> Any:
     return actor
 
 
+def _coloured_by_points(part: Polygons) -> Polygons:
+    """The same with colours of points: VTK has another program, slower, for those of polygons."""
+    shades = part.colour
+    if isinstance(shades, str) or len(shades) == len(part.points) != len(part.polygons):
+        return part
+    count, size = part.polygons.shape
+    return replace(
+        part,
+        points=part.points[part.polygons].reshape(-1, 3),
+        polygons=np.arange(count * size).reshape(count, size),
+        colour=np.repeat(shades, size, axis=0),
+    )
+
+
 def _colour_surface(part: Polygons, data: Any, mapper: Any, look: Any) -> None:
     look.SetOpacity(part.opacity)
     look.SetInterpolationToFlat()
@@ -300,10 +331,7 @@ def _colour_surface(part: Polygons, data: Any, mapper: Any, look: Any) -> None:
     if isinstance(part.colour, str):
         look.SetColor(*(rgb(part.colour) / 255))
         return
-    shades = as_array(part.colour)
-    of_points = len(part.colour) == len(part.points) != len(part.polygons)
-    (data.GetPointData() if of_points else data.GetCellData()).SetScalars(shades)
-    mapper.SetScalarModeToUsePointData() if of_points else mapper.SetScalarModeToUseCellData()
+    data.GetPointData().SetScalars(as_array(part.colour))
     mapper.SetColorModeToDirectScalars()
 
 

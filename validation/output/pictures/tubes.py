@@ -14,7 +14,6 @@ from fem.element.functions import lobatto_points
 from fem.element.material import von_mises
 from fem.stresses.recovery import principal_of
 from geometry.answer import is_round
-from geometry.families.hexagon_block import EDGE_NAMES
 from geometry.mesh import FloatArray, structured_quads
 from validation.output.pictures.assemblies import draw_pressed_facets
 from validation.output.pictures.bodies import (
@@ -43,9 +42,6 @@ if TYPE_CHECKING:
 
     from fem.state import State
     from geometry.answer import Answer
-
-#: Faces of a tube's blocks that are seen from outside when blocks have moved.
-_SHELL = ("outer", "inner", "left", "right", *EDGE_NAMES)
 
 
 @dataclass(frozen=True)
@@ -89,7 +85,9 @@ def moved_blocks(
     Other options are those of `blocks`.
     """
     deformable, factor = solution.whole, options.pop("factor", 0.0)
-    options = {"only": deformable.deformable_blocks.tolist(), "edges": 0.0, **options}
+    # Of a closed surface what looks away is hidden.
+    usual = {"edges": 0.0, "two_sided": options.get("faces") is not None}
+    options = {"only": deformable.deformable_blocks.tolist(), **usual, **options}
 
     def places(block: int) -> FloatArray:
         return deformable.positions(block) + factor * solution.displacement_of(block)
@@ -166,7 +164,7 @@ def draw_stresses(answer: Answer) -> Figure:
         view = View([*parts, *around], direction)
         columns.append([Panel(words, view, scale=scale, note=extreme(answer, stress)[1])])
     if not tube:
-        columns.append([moved_panel(solution, direction, around=around)])
+        columns.append([moved_panel(solution, direction, around)])
     joints = _joint_panels(answer, direction) if meets else []
     columns += [joints] if tube else [[panel] for panel in joints]
     widest = 16.0 + 4.0 * (len(columns) - (4 if tube else 5))
@@ -174,15 +172,12 @@ def draw_stresses(answer: Answer) -> Figure:
 
 
 def moved_panel(
-    solution: State,
-    direction: Direction,
-    faces: Sequence[str] | None = None,
-    around: Sequence[Part] | None = None,
+    solution: State, direction: Direction, around: Sequence[Part] | None = None
 ) -> Panel:
     """The deformed shape, coloured by the displacement, and what is ``around`` it."""
     shown, factor = solution.whole.deformable_blocks.tolist(), drawing_scale(solution)
     scale = scale_from_zero("|u| [mm]", MOTION_MAP, [_moved(solution, b) for b in shown])
-    parts = moved_blocks(solution, partial(_moved, solution), scale, faces=faces, factor=factor)
+    parts = moved_blocks(solution, partial(_moved, solution), scale, factor=factor)
     view = View([*parts, *(_around(solution) if around is None else around)], direction)
     return Panel(f"deformed shape,\nscale factor {factor:g}", view, scale=scale)
 
@@ -209,8 +204,7 @@ def _joint_panels(answer: Answer, direction: Direction) -> list[Panel]:
 
 def draw_displacement(answer: Answer) -> Figure:
     """Draw the displacement of a tube and its radial part, from the side where it is largest."""
-    solution, faces = answer.details, (*_SHELL, "top", "bottom")
-    around = _around(solution)
+    solution, around = answer.details, _around(answer.details)
     assembly = solution.whole.drawn
     place: Any = answer["max_displacement"].place
     along = quarter((1.0, 0.0, 0.0), np.array(place["position"]) - assembly.origin)
@@ -224,10 +218,10 @@ def draw_displacement(answer: Answer) -> Figure:
     every = [outward(block) for block in solution.whole.deformable_blocks.tolist()]
     scale = symmetric_scale("outward [mm]", OUTWARD_MAP, every)
     factor = drawing_scale(solution)
-    parts = moved_blocks(solution, outward, scale, faces=faces, factor=factor)
+    parts = moved_blocks(solution, outward, scale, factor=factor)
     view = View([*parts, *around], along)
     columns = [
-        [moved_panel(solution, along, faces, around)],
+        [moved_panel(solution, along, around)],
         [Panel(f"radial displacement,\nscale factor {factor:g}", view, scale=scale)],
     ]
     return gallery(columns, f"{answer.title}; displacement", height=8.5)
