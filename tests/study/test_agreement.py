@@ -8,6 +8,7 @@ import pytest
 from geometry import effective_facets
 from tests.support.coarse_tubes import tube
 from validation import compare, load_case
+from validation.errors import InputError
 from validation.study.comparison.answers import agreement
 from validation.study.comparison.scene import compared_runs
 
@@ -38,6 +39,12 @@ def test_uniform_pressures_agree_whatever_their_round_off() -> None:
     sloped = np.linspace(0.1, 0.3, 60)
     found = agreement("all", uniform[0], sloped, centroids=centroids, areas=areas, block=block)
     assert found["correlation"] == 0.0
+
+
+def test_rigid_blocks_of_a_comparison_have_their_limit_of_memory() -> None:
+    case = load_case("tsb1-pipe", {"rigid.max_memory": 0.01})
+    with pytest.raises(InputError, match=r"points of rigid blocks need .* the limit is 0\.01 GB"):
+        compared_runs(case)
 
 
 def test_solids_are_compared_and_a_column_presses_by_its_weight() -> None:

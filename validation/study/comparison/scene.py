@@ -39,7 +39,11 @@ def compared_runs(
     rigid, stated = _rigid(problem), case.with_method("rigid").method
     assert isinstance(stated, Rigid)
     cases = [
-        replace(case, method=Rigid(norm=norm, solver=stated.solver), stated=rigid)
+        replace(
+            case,
+            method=Rigid(norm=norm, solver=stated.solver, max_memory=stated.max_memory),
+            stated=rigid,
+        )
         for norm in Norm  # and no answer further to them
     ]
     cases += [
