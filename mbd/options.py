@@ -111,7 +111,7 @@ class Rigid:
     max_seconds: Annotated[float, Gt(0)] | None = None
     """The same by the clock, CPU time [s]; by default no limit."""
     max_memory: Annotated[float, Gt(0)] = 4.0
-    """Memory that the answer may take: what needs more is not started [GB]."""
+    """Memory that the answer may take, pictures apart: what needs more is not started [GB]."""
 
     def __post_init__(self) -> None:
         check(self)

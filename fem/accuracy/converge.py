@@ -476,16 +476,16 @@ def _beyond(
     """Which limit keeps a mesh from being solved, in a word and in words; None where none does.
 
     The work of the mesh before grows with the unknowns; CPU time ends at ``ends`` [s]. Error bars
-    need two meshes: the second is begun as long as any CPU time is left. The ``widest`` bar over
-    that sought falls as the fineness grows.
+    need two meshes: the second is begun as long as any work and time are left, for it takes fewer
+    iterations than the first. The ``widest`` bar over that sought falls as the fineness grows.
     """
     if large_motion(last.state) is not None:
         return None, "the large motion, which no mesh of small motions describes"
     bound = _OUT_OF_REACH * fineness(stated) / last.numbers.fineness
     if number > _FOURTH and widest > bound:
         return None, "an error bar that the next mesh leaves much too wide as well"
-    ratio = _growth(stated, last)
-    if last.spent.grown(ratio) > allowance().work:
+    ratio, work = _growth(stated, last), allowance().work
+    if last.spent.grown(ratio) > work and not (number <= _FOR_BARS and work > 0.0):
         return "work", stop("work")
     if last.spent.bytes_grown(ratio) > memory_limit():
         return "memory", stop("memory")

@@ -34,6 +34,7 @@ from fem.accuracy.ladder import (
     graded_to_one_end,
 )
 from geometry import Measure
+from geometry.machine.work import Budget
 from tests.fixtures.commands import small_meshes
 from tests.support.commands import answered
 from tests.support.own_blocks import column
@@ -269,6 +270,15 @@ def test_one_mesh_is_said_to_be_no_converged_answer():
     assert "one mesh: these numbers are not converged" in str(answer).splitlines()[0]
     assert not answer["p_max_point"].is_number
     assert answer["u"].is_number
+
+
+def test_a_second_mesh_is_begun_whatever_is_expected_of_it(monkeypatch):
+    """Error bars need two; osteomorphic blocks ended with one, at a fifth of the work allowed."""
+    monkeypatch.setattr(Budget, "grown", lambda *_: math.inf)
+    answer = solve(load_case("tsb1-pipe", {"assembly.layers": 1}))
+    assert len(answer.parts["meshes"].meshes) == 2
+    assert answer.report["work"]["stopped_by"] == "work"
+    assert answer["u"].error is not None
 
 
 def test_limit_of_work_grows_with_the_blocks():
