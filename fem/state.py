@@ -154,7 +154,8 @@ class State(ReadOnlyArrays):
         """Of all points, (n_facets, n_points), or (n_points, 1) of a search [mm]."""
         if self._searched is not None:
             return self._searched.overclosures(self._searched.moved(self.displacement))
-        computed = self.system.points.gaps(self.displacement).overclosure
+        points = self.system.points
+        computed = points.overclosures(points.moved(self.displacement))
         return computed.ravel()[self.system.orbits.point_of]
 
     @cached_property

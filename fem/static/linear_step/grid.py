@@ -193,7 +193,7 @@ class GridStep(LinearStep):
                 grid.material.young_modulus / float(np.ptp(grid.nodes, axis=0).max())
                 for grid in self._grids
             )
-            gaps = system.points.gaps(start).overclosure
+            gaps = system.points.overclosures(system.points.moved(start))
             asked = ~self._soft(system.law.normal.stiffness(gaps).ravel())
         kinds: dict[int, PointFlexibility] = {}
         for grid in self._grids:
