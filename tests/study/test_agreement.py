@@ -7,8 +7,7 @@ import pytest
 
 from geometry import effective_facets
 from tests.support.coarse_tubes import tube
-from validation import compare, load_case
-from validation.errors import InputError
+from validation import InputError, compare, load_case
 from validation.study.comparison.answers import agreement
 from validation.study.comparison.scene import compared_runs
 
