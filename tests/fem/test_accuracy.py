@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import re
 import time
 from itertools import count
 from pathlib import Path
@@ -11,6 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from fem import Static, solve_static
 from fem.accuracy import converge as converging
 from fem.accuracy import strength
 from fem.accuracy.converge import climbed, converge, usual_work
@@ -34,7 +36,8 @@ from fem.accuracy.ladder import (
     graded_to_one_end,
 )
 from geometry import Measure
-from geometry.machine.work import Budget
+from geometry.errors import RefusedError
+from geometry.machine.work import Budget, LimitError
 from tests.fixtures.commands import small_meshes
 from tests.support.commands import answered
 from tests.support.own_blocks import column
@@ -289,3 +292,31 @@ def test_limit_of_work_grows_with_the_blocks():
     answer = solve(few.changed({"fem.max_work": share}))
     assert len(answer.parts["meshes"].meshes) >= LEAST_MESHES
     assert answer["u"].error is not None
+
+
+def needed(*settings: str) -> float:
+    """Memory that a tube says to need where there is none [GB]."""
+    with pytest.raises(LimitError) as refused:
+        solve_static(stated("tsb1-pipe", *settings), Static(max_memory=1e-6))
+    return float(re.findall(r"about (\S+) GB of memory, and the limit", str(refused.value))[0])
+
+
+@pytest.mark.parametrize("more", ["effects.friction=0.3", "contact.clearance=0.0"])
+def test_memory_is_stated_before_the_first_mesh_and_suffices(more: str) -> None:
+    """The next mesh does not fit: the first one is the answer."""
+    problem = stated("tsb1-pipe", "assembly.layers=2", more)
+    need = needed("assembly.layers=2", more)
+    with pytest.raises(LimitError, match="GB of memory"):
+        solve_static(problem, Static(max_memory=0.99 * need))
+    accuracy = solve_static(problem, Static(max_memory=1.01 * need)).parts["accuracy"]
+    assert accuracy.stopped_by == "memory"
+    assert accuracy.ended_by.startswith("the limit of memory")
+    assert needed("assembly.layers=8", more) > need
+
+
+def test_the_mesh_of_a_scene_takes_no_matrices_where_coarser_ones_are_solved() -> None:
+    """Dense ones on its facets would take 1.7 GB."""
+    assert load_case("tsb1-pipe", ["fem.max_memory=0.5"]).problem.blocks.n_blocks == 56
+    dense = load_case("tsb1-pipe", ["fem.max_memory=0.5", 'fem.mesh="scene"'])
+    with pytest.raises(RefusedError, match=r"1\.69 GB of memory"):
+        _ = dense.problem

@@ -22,7 +22,7 @@ from fem.element.lagrange import (
     sums_by_slopes,
     with_degree,
 )
-from fem.static.linear_step.columns import alike_lengths, flexible_block
+from fem.static.linear_step.columns import flexible_block
 from fem.static.linear_step.grid_block import GridBlock, NodeFlexibility, grid_block
 from fem.system.body import placed_body
 from geometry import pipe
@@ -218,8 +218,8 @@ def test_columns_answer_as_the_whole_block(counts: tuple[int, int, int]) -> None
 
 def test_alike_columns_are_found() -> None:
     """Quarter waves of two elements, three of them, half a block; nothing in five elements."""
-    assert alike_lengths(grid_of(2, (24, 1, 1)).columns) == [2, 6, 12, 24]
-    assert alike_lengths(grid_of(2, (5, 1, 1)).columns) == [5]
+    assert grid_of(2, (24, 1, 1)).columns.alike_lengths == [2, 6, 12, 24]
+    assert grid_of(2, (5, 1, 1)).columns.alike_lengths == [5]
 
 
 @pytest.mark.parametrize("counts", [(5, 2, 1), (12, 1, 2)])

@@ -34,7 +34,7 @@ from validation.scene.deformable import FemSection
 from validation.scene.family import AssemblyScene, RoundScene, round_types
 from validation.scene.keys.idle import KeyUse
 from validation.scene.polyhedra import STRAIGHT_EDGES, PolyhedralScene
-from validation.scene.read import DeformableScene, check_block_size, too_large_to_deform
+from validation.scene.read import DeformableScene, check_block_size, too_large, too_large_to_deform
 
 if TYPE_CHECKING:
     from fem.state import State
@@ -58,7 +58,10 @@ def _refuse(scene: DeformableScene, name: str) -> None:
             f"{scene.fem.degree}, whose elements have one kind; remove it, or take fem.degree = 1"
         )
     with budget(memory=scene.method.max_memory):
-        large = too_large_to_deform(scene, static=isinstance(scene.method, Static))
+        # Finer and finer meshes begin coarser than that of the scene, which is only built.
+        static = isinstance(scene.method, Static)
+        refined = isinstance(scene.method, Static) and scene.method.mesh != "scene"
+        large = too_large(scene) if refined else too_large_to_deform(scene, static=static)
     if large is not None:
         raise LimitError("memory", f"{name}: {large}")
 

@@ -63,6 +63,27 @@ class ColumnBlock:
         n_1, n_2, n_3 = ((n - 1) // self.degree for n in self.nodes.shape[:3])
         return n_1, n_2, n_3
 
+    @cached_property
+    def alike_lengths(self) -> list[int]:
+        """Numbers of elements of columns whose copies make it up, each of the one before."""
+        n = self.counts[1]
+        result = [n]
+        for length in reversed([k for k in range(1, n) if n % k == 0]):
+            if result[-1] % length == 0 and _copies(self, length, n) is not None:
+                result.append(length)
+        return result[::-1]
+
+    def memory(self, n_points: int) -> tuple[float, float]:
+        """Bytes of the factors and the flexibility of so many points; more while they are made."""
+        n_1, _, n_3 = self.nodes.shape[:3]
+        plane, lengths = 3 * n_1 * n_3, self.alike_lengths
+        copies = lengths[-1] // lengths[-2] if len(lengths) > 1 else 1
+        # A plane is eliminated from one on either side of it, once in columns that are alike.
+        planes = lengths[0] + 1 + sum(b // a - 1 for a, b in pairwise(lengths))
+        kept = 3.0 * planes * plane**2 + n_points**2
+        fronts = copies * (2.0 * plane + self.n_beside / copies) ** 2
+        return 8.0 * kept, 8.0 * (fronts + n_points**2)
+
     @property
     def n_beside(self) -> int:
         """Rows of the lower and upper faces."""
@@ -190,7 +211,7 @@ def flexible_block(block: ColumnBlock, asked: BoolArray, rigid: FloatArray) -> F
     ``asked`` is (n_rows,), all or none of a point that has three; ``rigid`` the rigid motions of
     the nodes, (3 n_nodes, 6).
     """
-    column, fronts = _parts(block, alike_lengths(block), asked[: block.n_beside])
+    column, fronts = _parts(block, block.alike_lengths, asked[: block.n_beside])
     steps, last = list(column.steps), len(fronts)
     numbers = block.n_beside + np.flatnonzero(asked[block.n_beside :])
     # The ends go first: no front has more than two planes, and the last one has only one.
@@ -226,16 +247,6 @@ def _unknowns(nodes: IntArray) -> IntArray:
 
 # ---------------------------------------------------------------------------------------------
 # Congruence
-
-
-def alike_lengths(block: ColumnBlock) -> list[int]:
-    """Numbers of elements of columns whose copies make the block up, each of the one before."""
-    n = block.counts[1]
-    result = [n]
-    for length in reversed([k for k in range(1, n) if n % k == 0]):
-        if result[-1] % length == 0 and _copies(block, length, n) is not None:
-            result.append(length)
-    return result[::-1]
 
 
 def _copies(block: ColumnBlock, length: int, longer: int) -> tuple[_Copy, ...] | None:

@@ -48,6 +48,7 @@ from fem.static.linear_step.linearisation import (
     StaticError,
 )
 from fem.system.system import Sector, System
+from geometry.machine.work import hold_memory, require_memory
 from geometry.mesh import BoolArray, FloatArray, IntArray
 
 #: Contact is soft below this share of the stiffness of a block, Young's modulus over its size, …
@@ -58,6 +59,10 @@ _SOFT_SHARE = 0.05
 _LEAST_STIFFNESS = 1e-12
 #: Distance of a point of a facet from that of its block, over the size of the block.
 _SAME_POINT = 1e-7
+#: Largest memory over that of the matrices of all levels and of the gradients of all points, as
+#: measured beside the factors of the blocks with tubes of 2 to 200 layers and planar walls.
+_LEVEL_COPIES, _GRADIENT_COPIES = 2.0, 7.0
+_NONE: IntArray = np.empty(0, dtype=np.int64)
 
 
 def grid_blocks(system: System) -> tuple[GridBlock, ...] | None:
@@ -195,16 +200,13 @@ class GridStep(LinearStep):
             )
             gaps = system.points.overclosures(system.points.moved(start))
             asked = ~self._soft(system.law.normal.stiffness(gaps).ravel())
-        kinds: dict[int, PointFlexibility] = {}
-        for grid in self._grids:
-            if id(grid) not in kinds:
-                alike = [
-                    part.local[asked[part.points]]
-                    for other, parts in zip(self._grids, self._parts, strict=True)
-                    for part in parts
-                    if other is grid
-                ]
-                kinds[id(grid)] = PointFlexibility(grid, np.concatenate(alike))
+        wanted: dict[int, IntArray] = {}
+        for grid, parts in zip(self._grids, self._parts, strict=True):
+            mine = [part.local[asked[part.points]] for part in parts]
+            wanted[id(grid)] = np.unique(np.concatenate([wanted.get(id(grid), _NONE), *mine]))
+        alike = {id(grid): grid for grid in self._grids}
+        self._check_memory(asked, [alike[key].columns.memory(len(wanted[key])) for key in alike])
+        kinds = {key: PointFlexibility(alike[key], wanted[key]) for key in alike}
         self._blocks = [kinds[id(grid)] for grid in self._grids]
         self._span = self._chain.spans([6] * len(self._grids))
         self._bodies = GridBodies(system, self._blocks)
@@ -215,6 +217,17 @@ class GridStep(LinearStep):
     def exact(self) -> bool:
         """Whether no soft point keeps its force."""
         return self._softest == 0.0
+
+    def _check_memory(self, asked: BoolArray, blocks: list[tuple[float, float]]) -> None:
+        """Reject what is beyond the memory, before factors of blocks or of levels are made."""
+        rows = np.bincount(self._chain.low[self._facet[asked]]).astype(np.float64)
+        levels = 8.0 * _LEVEL_COPIES * (rows**2).sum()
+        kept = sum(of_kind for of_kind, _ in blocks)
+        making = max(more for _, more in blocks)
+        need = _GRADIENT_COPIES * self._reference.nbytes + kept + max(making, levels)
+        what = f"{self._n} contact points between blocks of degree {self._grids[0].element.degree}"
+        require_memory(what, need, "a coarser mesh (mesh), a lower degree or fewer blocks")
+        hold_memory(need)
 
     def _place_points(self) -> None:
         """Find which points of each block those of the facets are, and levels of both."""

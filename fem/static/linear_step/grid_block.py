@@ -102,7 +102,7 @@ class GridBlock:
         arm = (positions - positions.mean(axis=0)) / np.ptp(positions, axis=0).max()
         return rigid_motions(arm).reshape(-1, 6)
 
-    @property
+    @cached_property
     def columns(self) -> ColumnBlock:
         """Elements and points as columns along the second direction."""
         return self._columns(self.outward, self.element.degree + 2, vectors=False)
