@@ -314,9 +314,11 @@ def test_memory_is_stated_before_the_first_mesh_and_suffices(more: str) -> None:
     assert needed("assembly.layers=8", more) > need
 
 
-def test_the_mesh_of_a_scene_takes_no_matrices_where_coarser_ones_are_solved() -> None:
-    """Dense ones on its facets would take 1.7 GB."""
+def test_the_mesh_of_a_scene_takes_dense_matrices_where_it_is_solved_in_degree_1() -> None:
+    """Coarser meshes begin a default run; elements of higher degree have a count of their own."""
     assert load_case("tsb1-pipe", ["fem.max_memory=0.5"]).problem.blocks.n_blocks == 56
+    few = ["mesh.around=24", "mesh.radial=1", "mesh.axial=6", "fem.degree=3"]
+    assert load_case("tsb1-pipe", ["fem.max_memory=0.5", *few]).problem.degree == 3
     dense = load_case("tsb1-pipe", ["fem.max_memory=0.5", 'fem.mesh="scene"'])
     with pytest.raises(RefusedError, match=r"1\.69 GB of memory"):
         _ = dense.problem

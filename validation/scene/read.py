@@ -356,7 +356,10 @@ def too_large_to_deform(scene: FamilyScene, *, static: bool) -> str | None:
     counts = blocks, elements, facets = _counts(scene)
     need = blocks * elements * _STATE
     if static and blocks > 1.0:
-        need = facets * facets * _FACET_PAIR
+        degree, need = scene.fem.degree, facets * facets * _FACET_PAIR
+        if degree > 1 and elements:  # a flexibility between the points of all but two sides
+            beside = facets - 2.0 * elements / (degree * min(map(_float, scene.divisions)))
+            need = 8.0 * (beside * (1.0 + 2.0 / degree) ** 2) ** 2
     elif static and elements:
         across = elements / max(map(_float, scene.divisions))
         need = elements * min(_FACTOR * elements ** (1.0 / 3.0), _BAND * across)
