@@ -2,8 +2,9 @@
 
 ``python -m tests.benchmarks.work [--fit] [RUN ...]``: each run is a process of its own. The ratio
 of counted work to CPU time is the speed of this machine over the reference machine, the same for
-all runs where the count is good. ``--fit`` prints what an operation takes on this machine, by
-non-negative least squares on relative errors: a new table for `geometry.machine.work.SECONDS`.
+all runs where the count is good. ``--fit`` prints a new table for `geometry.machine.work.SECONDS`,
+which leaves the median ratio as it is: least squares of the runs' relative errors, in which the
+present table counts too (Tikhonov's regularisation: some operations cost little in every run).
 """
 
 from __future__ import annotations
@@ -21,6 +22,7 @@ from scipy.optimize import nnls
 
 from geometry.machine.system import peak_memory_mb
 from geometry.machine.work import SECONDS, Operation, budget
+from geometry.mesh import FloatArray
 from validation import load_case, solve
 
 _TWO = "tsb1-pipe static assembly.layers=2"
@@ -45,35 +47,47 @@ RUNS = (
     "tsb1-pipe rigid assembly.layers=2 effects.friction=0.3",
     "wall rigid rigid.collapse=true rigid.sliding=true rigid.ranges=true rigid.margin=true",
 )
-#: CPU time of a process that solves nothing [s].
-_IDLE = 1.2
+#: Error of a run's counted work beside that of an operation's present seconds [-].
+_TRUSTED = 0.2
 
 
 def measured(run: str) -> dict[str, Any]:
-    """CPU time [s], peak memory [MB], counted work [s] and operations in this process."""
+    """CPU time beyond the start [s], peak memory [MB], counted work [s] and operations."""
     scene, method, *settings = run.split()
+    case = load_case(scene, settings, method=method)
+    start = time.process_time()
     with budget() as spent:
-        _ = solve(load_case(scene, settings, method=method)).report
+        _ = solve(case).report
     return {
-        "cpu": time.process_time(),
+        "cpu": time.process_time() - start,
         "memory": peak_memory_mb(),
         "work": spent.seconds,
         "operations": dict(spent.done),
     }
 
 
-def fitted(runs: Sequence[Mapping[str, Any]]) -> dict[Operation, float]:
-    """Seconds of an operation by kind, from CPU times beyond those of an idle process."""
-    counts = np.array([[run["operations"].get(kind, 0.0) for kind in Operation] for run in runs])
-    times = np.array([run["cpu"] - _IDLE for run in runs])
-    sizes = np.maximum(counts.max(axis=0), 1.0)
-    return dict(
-        zip(
-            Operation,
-            nnls(counts / sizes / times[:, None], np.ones(len(times)))[0] / sizes,
-            strict=True,
-        )
+def ratios(runs: Sequence[Mapping[str, Any]], seconds: Mapping[Operation, float]) -> FloatArray:
+    """Counted work over CPU time of each run with such seconds of an operation [-]."""
+    return np.array(
+        [
+            sum(n * seconds[Operation(kind)] for kind, n in run["operations"].items()) / run["cpu"]
+            for run in runs
+        ]
     )
+
+
+def fitted(runs: Sequence[Mapping[str, Any]]) -> dict[Operation, float]:
+    """Seconds of an operation by kind on the reference machine."""
+    speed = np.median(ratios(runs, SECONDS))
+    alone = [
+        ratios(runs, dict.fromkeys(Operation, 0.0) | {kind: SECONDS[kind]}) for kind in Operation
+    ]
+    trusted = _TRUSTED * np.eye(len(Operation))
+    factors, _ = nnls(
+        np.concatenate([np.transpose(alone) / speed, trusted]),
+        np.concatenate([np.ones(len(runs)), trusted.sum(axis=1)]),
+    )
+    return {kind: factor * SECONDS[kind] for kind, factor in zip(Operation, factors, strict=True)}
 
 
 def main() -> None:
@@ -98,8 +112,13 @@ def main() -> None:
             f"{one['cpu']:7.2f} {one['work']:7.2f} {ratio:6.2f} {one['memory']:6.0f}  {run}",
             flush=True,
         )
-    for kind, value in fitted(results).items() if given.fit else ():
-        print(f"    Operation.{kind.name}: {value:.2g},  # now {SECONDS[kind]:.2g}")
+    if given.fit:
+        table = fitted(results)
+        for kind, value in table.items():
+            print(f"    Operation.{kind.name}: {value:.2g},  # now {SECONDS[kind]:.2g}")
+        for name, seconds in {"now": SECONDS, "fitted": table}.items():
+            least, most = np.quantile(ratios(results, seconds), (0.0, 1.0))
+            print(f"ratios, {name}: {least:.2f} to {most:.2f}")
 
 
 if __name__ == "__main__":
