@@ -70,14 +70,15 @@ WITH_FRICTION: Mapping[str, float] = {
 OPTIONS = StaticOptions(load_tolerance=LOAD_TOLERANCE)
 #: Reference seconds of a run where no accuracy is requested: of contact that is conforming and
 #: without friction or gaps, and of all else.
-CONFORMING_SECONDS, MOST_SECONDS = 20.0, 60.0
+CONFORMING_SECONDS, MOST_SECONDS = 15.0, 40.0
 #: The same for each free block at least: three meshes of many blocks take about half of it.
 _BLOCK_SECONDS = 0.1
 #: The general solver works in the three displacements of the nodes of both sides, six unknowns a
 #: point, about twelve times; with friction in parts of the load, ten times that.
 _GENERAL, _WITH_FRICTION = 12 * 6**3, 10
-#: Meshes without which there is no error bar.
-_FOR_BARS = 2
+#: Meshes without which there is no error bar, and part of the work forecast that the last of them
+#: takes at most: its iterations begin near its state (a fourteenth to a third of the forecast).
+_FOR_BARS, _FROM_START = 2, 0.3
 #: Without a request no mesh is solved after the fourth one where some bar would stay this many
 #: times as wide as sought.
 _OUT_OF_REACH, _FOURTH = 3.0, 4
@@ -476,16 +477,17 @@ def _beyond(
     """Which limit keeps a mesh from being solved, in a word and in words; None where none does.
 
     The work of the mesh before grows with the unknowns; CPU time ends at ``ends`` [s]. Error bars
-    need two meshes: the second is begun as long as any work and time are left, for it takes fewer
-    iterations than the first. The ``widest`` bar over that sought falls as the fineness grows.
+    need two meshes: the second is begun as long as any CPU time is left. The ``widest`` bar over
+    that sought falls as the fineness grows.
     """
     if large_motion(last.state) is not None:
         return None, "the large motion, which no mesh of small motions describes"
     bound = _OUT_OF_REACH * fineness(stated) / last.numbers.fineness
     if number > _FOURTH and widest > bound:
         return None, "an error bar that the next mesh leaves much too wide as well"
-    ratio, work = _growth(stated, last), allowance().work
-    if last.spent.grown(ratio) > work and not (number <= _FOR_BARS and work > 0.0):
+    ratio = _growth(stated, last)
+    part = _FROM_START if number <= _FOR_BARS else 1.0
+    if part * last.spent.grown(ratio) > allowance().work:
         return "work", stop("work")
     if last.spent.bytes_grown(ratio) > memory_limit():
         return "memory", stop("memory")

@@ -140,9 +140,10 @@ def _judged(
     there = [name for name in names if name in measures]
     usable = [name for name in there if measures[name].is_number]
     first, stress = measures[there[0]], _largest(measures, usable or there)
-    largest = max(abs(m.value) for m in measures.values() if m.is_number and m.unit == "MPa")
+    stresses = [abs(m.value) for m in measures.values() if m.is_number and m.unit == "MPa"]
     tension = names[0] == "sigma_1_averaged"
-    small = tension and stress.value + (stress.error or 0.0) <= _ROUNDING * largest
+    bound = stress.value + (stress.error or 0.0)
+    small = tension and bound <= _ROUNDING * max(stresses, default=0.0)
     if first.resolved and (stress.value == 0.0 or small):
         return _none("none: no tension" if tension else "none: no stress")
     if not first.is_number:  # what others are on this mesh is no bound of it

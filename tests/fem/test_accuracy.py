@@ -275,13 +275,14 @@ def test_one_mesh_is_said_to_be_no_converged_answer():
     assert answer["u"].is_number
 
 
-def test_a_second_mesh_is_begun_whatever_is_expected_of_it(monkeypatch):
-    """Error bars need two; osteomorphic blocks ended with one, at a fifth of the work allowed."""
-    monkeypatch.setattr(Budget, "grown", lambda *_: math.inf)
+@pytest.mark.parametrize(("forecast", "meshes"), [(45.0, 2), (60.0, 1)])
+def test_a_second_mesh_is_begun_where_it_may_be_finished(monkeypatch, forecast, meshes):
+    """Error bars need two; the second takes three tenths of the forecast at most, of 15 s."""
+    monkeypatch.setattr(Budget, "grown", lambda *_: forecast)
     answer = solve(load_case("tsb1-pipe", {"assembly.layers": 1}))
-    assert len(answer.parts["meshes"].meshes) == 2
+    assert len(answer.parts["meshes"].meshes) == meshes
     assert answer.report["work"]["stopped_by"] == "work"
-    assert answer["u"].error is not None
+    assert (answer["u"].error is None) == (meshes == 1)
 
 
 def test_limit_of_work_grows_with_the_blocks():

@@ -126,7 +126,7 @@ def test_the_page_of_own_blocks(tmp_path) -> None:
 
 
 def test_numbers_without_error_bars_say_what_ended_the_refinement() -> None:
-    result = report_scene(load_case("tsb1-pipe", {"assembly.layers": 1, "fem.max_work": 0.15}))
+    result = report_scene(load_case("tsb1-pipe", {"assembly.layers": 1, "fem.max_work": 0.06}))
     words = {verdict.question: verdict.words for verdict in result.verdicts}["How sure is it?"]
     assert words.startswith("no error bars: the refinement was ended by the limit of work")
 
