@@ -71,8 +71,8 @@ OPTIONS = StaticOptions(load_tolerance=LOAD_TOLERANCE)
 #: Reference seconds of a run where no accuracy is requested: of contact that is conforming and
 #: without friction or gaps, and of all else.
 CONFORMING_SECONDS, MOST_SECONDS = 15.0, 40.0
-#: The same for each free block at least: three meshes of many blocks take about half of it.
-_BLOCK_SECONDS = 0.1
+#: The same for each free block at least: four meshes of 48 layers.
+_BLOCK_SECONDS = 0.12
 #: The general solver works in the three displacements of the nodes of both sides, six unknowns a
 #: point, about twelve times; with friction in parts of the load, ten times that.
 _GENERAL, _WITH_FRICTION = 12 * 6**3, 10
