@@ -40,9 +40,9 @@ class Static:
     pressure at a point, within ``max_work``."""
     max_work: Annotated[float, Gt(0)] | None = None
     """Work at most, counted in operations and stated as seconds on the reference machine [s]: the
-    same meshes on every machine. By default 20 where contact is conforming, without friction or
-    gaps, 60 elsewhere, and 0.1 for each free block at least; no limit with an accuracy, nor for the
-    state of mesh = "scene"."""
+    same meshes on every machine. By default 15 where contact is conforming, without friction or
+    gaps, 40 elsewhere, and 0.12 for each free block at least; no limit with an accuracy, nor for
+    the state of mesh = "scene"."""
     max_seconds: Annotated[float, Gt(0)] | None = None
     """CPU time at most by the clock, on which meshes then depend [s]; the first mesh is finished
     whatever it takes. By default no limit."""

@@ -76,8 +76,8 @@ _BLOCK_SECONDS = 0.12
 #: The general solver works in the three displacements of the nodes of both sides, six unknowns a
 #: point, about twelve times; with friction in parts of the load, ten times that.
 _GENERAL, _WITH_FRICTION = 12 * 6**3, 10
-#: Meshes without which there is no error bar, and part of the work forecast that the last of them
-#: takes at most: its iterations begin near its state (a fourteenth to a third of the forecast).
+#: Meshes without which there is no error bar, and part of the work forecast for the last of them
+#: with which it is begun: it takes 0.1 to 0.5 of it, for its iterations begin near its state.
 _FOR_BARS, _FROM_START = 2, 0.3
 #: Without a request no mesh is solved after the fourth one where some bar would stay this many
 #: times as wide as sought.

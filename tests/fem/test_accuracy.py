@@ -277,7 +277,7 @@ def test_one_mesh_is_said_to_be_no_converged_answer():
 
 @pytest.mark.parametrize(("forecast", "meshes"), [(45.0, 2), (60.0, 1)])
 def test_a_second_mesh_is_begun_where_it_may_be_finished(monkeypatch, forecast, meshes):
-    """Error bars need two; the second takes three tenths of the forecast at most, of 15 s."""
+    """Error bars need two; the second is begun with three tenths of its forecast, of 15 s."""
     monkeypatch.setattr(Budget, "grown", lambda *_: forecast)
     answer = solve(load_case("tsb1-pipe", {"assembly.layers": 1}))
     assert len(answer.parts["meshes"].meshes) == meshes

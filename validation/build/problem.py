@@ -57,11 +57,12 @@ def _refuse(scene: DeformableScene, name: str) -> None:
             f'{name}: fem.element: got "{scene.fem.element.value}" with fem.degree = '
             f"{scene.fem.degree}, whose elements have one kind; remove it, or take fem.degree = 1"
         )
-    with budget(memory=scene.method.max_memory):
-        # Finer and finer meshes begin coarser than that of the scene, which is only built.
-        static = isinstance(scene.method, Static)
-        refined = isinstance(scene.method, Static) and scene.method.mesh != "scene"
-        large = too_large(scene) if refined else too_large_to_deform(scene, static=static)
+    method = scene.method
+    with budget(memory=method.max_memory):
+        if isinstance(method, Static) and method.mesh != "scene":
+            large = too_large(scene)  # it is only built: meshes that are solved begin coarser
+        else:
+            large = too_large_to_deform(scene, static=isinstance(method, Static))
     if large is not None:
         raise LimitError("memory", f"{name}: {large}")
 

@@ -267,7 +267,7 @@ class FemSection(_FemKeys):  # type: ignore[misc]
     max_work: Annotated[float, Field(gt=0)] | None = None
     """Work at most, counted in operations and stated as seconds on the reference machine [s]: the
     same meshes on every machine, and an explicit run ends at a checkpoint at the same step. By
-    default 20 where contact is conforming, without friction or gaps, 60 elsewhere; no limit with an
+    default 15 where contact is conforming, without friction or gaps, 40 elsewhere; no limit with an
     accuracy, nor for the state of ``mesh = "scene"`` or an explicit run."""
     max_seconds: Annotated[float, Field(gt=0)] | None = None
     """CPU time at most by the clock, on which meshes then depend [s]; the first mesh is finished

@@ -14,7 +14,6 @@ from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import cached_property
-from importlib.machinery import PathFinder
 from typing import Any
 
 import numpy as np
@@ -193,7 +192,6 @@ def _made_window() -> Any:
             f"pictures of blocks need about {_SPACE:g} GB of addresses, and the limit of this "
             f"process leaves {max(left, 0.0):.2g} (ulimit -v); raise it, or take --json without -o",
         )
-    _find_modules_at_once()
     import vtkmodules.vtkRenderingOpenGL2  # noqa: F401 - what renders
     from vtkmodules.vtkRenderingCore import vtkRenderWindow
 
@@ -202,17 +200,6 @@ def _made_window() -> Any:
     window.SetOffScreenRendering(1)
     window.SetMultiSamples(0)  # several samples a pixel take three times as long
     return window
-
-
-def _find_modules_at_once() -> None:
-    """Spare VTK a search of its whole folder for each of its modules: a fifth of loading it."""
-    import vtkmodules
-
-    def file_of(paths: Sequence[str], name: str) -> str | None:
-        spec = PathFinder.find_spec(name, paths)
-        return None if spec is None else spec.origin
-
-    vtkmodules.find_lib_path = file_of
 
 
 #: Most pixels along one side of the window.
